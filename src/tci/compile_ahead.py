@@ -124,8 +124,8 @@ def _show_progress(claims: Path, workers: list[subprocess.Popen[bytes]]) -> None
 
 
 def _state(claims: Path, now: float) -> str:
-    """Returns a line for the user: the number of loops that are compiled `now` [s] after the start, and the
-    estimated remaining time.
+    """Returns a line for the user: the number of finished loops and the estimated remaining time. `now` [s]
+    is the time since the start.
 
     The estimate assumes that the compile time of a loop is proportional to the length of the loop's bytecode
     (`_length`).

@@ -200,6 +200,6 @@ def returns(*results: Any) -> Any:
     """Returns the Numba type of a tuple with elements of the types `results`.
 
     This type is the return type of a loop with several results, or the type of a tuple that is an argument of
-    a loop. A call of the returned type with the types of a loop's arguments gives the signature of the
-    loop."""
+    a loop. For example, `returns(A, B)(C)` is the signature of a loop with an argument of type C and results
+    of types A and B."""
     return types.Tuple(results)  # type: ignore[no-untyped-call]  # Numba has no types

@@ -41,7 +41,7 @@ than one call per field."""
 
 
 def _values(data: Frozen) -> tuple[Any, ...]:
-    """Returns all fields of plain data, in their order."""
+    """Returns the values of all fields of `data`, in the order of the fields."""
     kind: Any = type(data)
     if kind not in _GETTERS:
         first, *others = kind.__slots__
@@ -67,7 +67,7 @@ class Contacts(Frozen, Sequence["Contact"]):
     view of row i. Contacts are in the order of patches; the strongest contact of each patch comes first."""
 
     sites: tuple[Site, ...]
-    """Names (p,) of patch, part and segment; contacts on one patch share them."""
+    """Names of patch, part and segment for each of p patches. `site` gives the patch of each contact."""
     stamp: Array
     """Time (p,) [s] of the frame of each patch."""
     sequence: NDArray[np.int64]
@@ -83,8 +83,8 @@ class Contacts(Frozen, Sequence["Contact"]):
     of the patch's link."""
     force: Array
     """Force (c,) [N] of each touch: the sum of the forces on its taxels, divided by two fractions. The first
-    is the fill factor of the skin. The second is the estimated fraction of the force that remains without the
-    edge of the touch, where the pressure is below the taxels' threshold."""
+    is the fill factor of the skin. The second is the estimated fraction of the force that taxels can measure:
+    at the edge of a touch, the pressure is below their threshold."""
     peak: Array
     """Force (c,) [N] on the strongest taxel of each contact."""
     area: Array
@@ -112,9 +112,9 @@ class Contacts(Frozen, Sequence["Contact"]):
     """Index (c + 1,) of each contact's first taxel in the arrays of taxels (k,) below; the last element is
     k."""
     taxel: NDArray[np.int64]
-    """Index (k,) of each taxel within its patch."""
+    """Taxels (k,) of all contacts, one contact after another, as indices within their patch."""
     taxel_force: Array
-    """Force (k,) [N] on each taxel."""
+    """Force (k,) [N] on each of the k taxels of all contacts."""
     taxel_point: Array
     """Position (k, 3) [limb lengths] of each taxel on the generic limb; NaN if the patch is not on a limb."""
     certainty: Array | None = None
@@ -138,8 +138,8 @@ class Contacts(Frozen, Sequence["Contact"]):
 
     @staticmethod
     def of(rows: Iterable[Contact]) -> Contacts:
-        """Returns an object with the contacts in `rows`, which may come from several `Contacts`. Each contact
-        gets its own element in `sites`."""
+        """Returns an object with the contacts in `rows`, which may come from several `Contacts`. In the
+        result, `sites`, `stamp` and `sequence` have one element per contact, not per patch."""
         if isinstance(rows, Contacts):
             return rows
         rows = tuple(rows)

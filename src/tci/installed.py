@@ -77,7 +77,8 @@ def _names(need: Requirement, extra: str) -> bool:
 
 @dataclass(frozen=True)
 class Clash:
-    """Distributions of different releases that use the folder of one module."""
+    """Installed distributions of different releases that overwrite each other's files in the folder of one
+    module."""
 
     module: str
     said: str
@@ -88,19 +89,18 @@ CURES = {
     "tci": "pip uninstall {names}, then install again the one that you need",
     "mujoco": "pip install --force-reinstall --no-deps 'mujoco>=3.11,<4' serves TCI and what needs MuJoCo 3",
 }
-"""Advice for each module with a known clash: another `tci` in the folder of TCI, and MuJoCo 3 in the folder
-of mujoco-core 4."""
+"""Advice for each module into whose folder two packages may write: TCI and another package `tci`, or
+mujoco-core 4 and MuJoCo 3."""
 
 
 def clashes() -> tuple[Clash, ...]:
-    """Returns the clashes in this installation: distributions of different releases that use the folder of
-    one module. Only the modules in CURES are checked."""
+    """Returns the clashes in this installation. A clash means that distributions of different releases write
+    into the folder of one module. Only modules with a known clash are checked (`CURES`)."""
     return tuple(found for found in map(clash, CURES) if found is not None)
 
 
 def clash(module: str) -> Clash | None:
-    """Returns the clash of the distributions that contain `module`. Returns None if all of them are of one
-    release."""
+    """Returns a clash if distributions of different releases contain `module`, otherwise None."""
     releases = {name: distribution(name).version for name in sorted(packages_distributions().get(module, ()))}
     if len(set(releases.values())) < 2:
         return None

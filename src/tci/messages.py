@@ -131,7 +131,8 @@ class SkinState(Frozen):
     """Index (p + 1,) of each patch's first active taxel in the arrays of active taxels (k,); the last element
     is k."""
     active: NDArray[np.int32]
-    """Index (k,) of each active taxel within its patch, in increasing order."""
+    """Index (k,) of each active taxel within its patch: patch by patch, and in increasing order on each
+    patch."""
     pressure: Array
     """Pressure (k,) [Pa] on each active taxel, positive."""
     vector: Array | None = None
@@ -249,8 +250,8 @@ class GenericCommand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CartesianCommand:
-    """Target position of a Cartesian actuator: a point of the robot, for example of a hand. The joints move
-    in position mode (§3.1 of the paper: a transformation in Cartesian space)."""
+    """Target position of a Cartesian actuator: a point of the robot, for example of a hand. TCI computes the
+    target angles of the part's joints, and moves the joints in position mode (§3.1 of the paper)."""
 
     part: str
     """Name of the generic part."""
@@ -272,7 +273,7 @@ class SwitchMode:
     part: str
     """Name of the generic part."""
     mode: Mode
-    """One of CONTROL_MODES."""
+    """Requested mode: position, velocity, torque or impedance."""
 
     def __post_init__(self) -> None:
         _take_mode(self)
@@ -285,7 +286,7 @@ class PlatformSwitch:
     servos: NDArray[np.intp]
     """Indices (k,) into `Robot.servos`."""
     mode: Mode
-    """One of CONTROL_MODES."""
+    """Requested mode: position, velocity, torque or impedance."""
 
     def __post_init__(self) -> None:
         _take_mode(self)

@@ -13,7 +13,7 @@ MOST = 100
 FIGURES = re.compile(r"\b\d[\d.]*")
 """Pattern that finds the numbers in a text, but not the digits in names."""
 OTHERS = "other reasons"
-"""Name under which all reasons are counted that belong to none of the first MOST kinds."""
+"""Name under which all further reasons are counted together, once `MOST` kinds are counted separately."""
 
 
 @unique
@@ -162,7 +162,8 @@ class Reason:
 
 
 def number_of(reason: Reason | None) -> int:
-    """Returns the number of a reason's code; NO_REASON if `reason` is None."""
+    """Returns the number of a reason's code. If `reason` is None, returns 65535 (NO_REASON), which is no
+    code."""
     return NO_REASON if reason is None else int(reason.code)
 
 
@@ -172,8 +173,8 @@ def text_of(reason: Reason | None) -> str:
 
 
 def reason_of(number: int, text: str) -> Reason | None:
-    """Returns the reason with the code number and the text from a message or recording; None for the number
-    NO_REASON."""
+    """Returns the reason that a message or recording contains as `number` and `text`; None if the number
+    means "no reason"."""
     return None if number == NO_REASON else Reason(Code.of(number), text)
 
 
@@ -210,7 +211,7 @@ class Notice:
 
 
 class ReasonCounter:
-    """Counts reasons by kind: at most MOST kinds, and one kind for all others."""
+    """Counts reasons by kind. If there are more than `MOST` kinds, all further kinds are counted as one."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -218,8 +219,9 @@ class ReasonCounter:
         self._begun: dict[str, tuple[float, Code]] = {}
 
     def add(self, reason: Reason, now: float) -> bool:
-        """Counts a reason that occurs at `now` [s]. Returns True if no reason of this kind occurred
-        before."""
+        """Counts a reason that occurs at `now` [s]. Returns True if this reason is the first of its kind:
+        texts that differ only in numbers are one kind. Returns False if `MOST` other kinds occurred before.
+        """
         kind = kind_of(reason.text)
         is_new = kind not in self._first
         if is_new and len(self._first) >= MOST:

@@ -80,8 +80,8 @@ class TouchedRobot:
         `touch`; with None, it is not touched.
 
         The touch is centred on `taxel`, or on the taxel nearest to the middle of the patch. The touch presses
-        that taxel, its neighbours and the gaps between them with `force` [N], rounded in the same way as by
-        the sensor: a switch is only on or off, and a force below a taxel's threshold causes no contact.
+        that taxel, its neighbours and the gaps between them with `force` [N]. The raw values are rounded as
+        by the sensor: a switch is only on or off, and a force below a taxel's threshold causes no contact.
         Raises UnknownNameError for an unknown patch or taxel, CommandError for a force that is negative or
         not finite.
         """
@@ -97,8 +97,8 @@ class TouchedRobot:
         return self._perceiver.step(Reading(joints, tuple(frames)), now)
 
     def _press(self, values: Array, patch: Patch, taxel: int | None, force: float) -> None:
-        """Adds a touch to the raw `values` (channels,) of a patch. `taxel` and `force` are those of
-        `perceive`."""
+        """Adds a touch of `force` [N] on `taxel` (None: the taxel nearest to the middle of the patch) to the
+        raw `values` (channels,) of a patch."""
         if not 0.0 <= force < np.inf:
             raise CommandError(f"a touch of {force} N; valid: 0 or more, finite")
         surface, sensor = self.body.skin.surfaces[patch.name], patch.sensor

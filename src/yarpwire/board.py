@@ -1,7 +1,7 @@
 """The client of a control board, which is the YARP device that controls the joints of a robot part.
 
 Calls differ between the two dialects, YARP 3.x and 4.x. The commands that are streamed to the port
-`command:i` differ only in their heads. Angles are in degrees.
+`command:i` differ only in the words that name the commanded quantity. Angles are in degrees.
 """
 
 from __future__ import annotations
@@ -144,8 +144,7 @@ class Board(ABC):
 
     def settle(self, patience: float = 0.0) -> bool:
         """Returns True if all calls of `send_call` are answered. Waits at most `patience` [s] for each
-        answer. Raises PortError if the board refused a call, or did not answer within the time PATIENCE
-        after the call."""
+        answer. Raises PortError if the board refused a call, or did not answer within 2 s after the call."""
         while self._open_calls:
             call, since = self._open_calls[0]
             if not self._rpc.is_answered(patience) and time.monotonic() - since < PATIENCE:

@@ -73,7 +73,8 @@ class BoardService(ABC):
 
     @abstractmethod
     def set_modes(self, joints: Joints, words: Sequence[int]) -> None:
-        """Switches joints to control modes (k,), which are vocabularies."""
+        """Switches joints to control modes. `words` (k,) are YARP's codes of the modes, such as
+        `Vocab("pos")`."""
 
     @abstractmethod
     def set_interactions(self, joints: Joints, words: Sequence[int]) -> None:

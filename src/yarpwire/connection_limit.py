@@ -2,9 +2,9 @@
 many, older connections are closed.
 
 There is no login. A connection counts as unknown until it has sent a valid message. An unknown connection
-must send a valid message within PATIENCE. If there are too many connections, unknown connections are closed
-first, then the connections that were silent for the longest time. While there are not too many connections, a
-connection that has sent a valid message may be idle for any time.
+must send a valid message within 2 s (PATIENCE). If there are too many connections, unknown connections are
+closed first, then the connections that were silent for the longest time. While there are not too many
+connections, a connection that has sent a valid message may be idle for any time.
 """
 
 from __future__ import annotations

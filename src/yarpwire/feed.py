@@ -55,8 +55,8 @@ class Clock(Protocol):
 
 
 class Feed(Generic[Value]):
-    """Reads one port and keeps the latest messages. Unreadable messages are counted and dropped. Messages for
-    which `decode` raises RepetitionError are dropped and not counted."""
+    """Reads one port and keeps the latest messages. Unreadable messages are counted and dropped. Messages
+    that repeat earlier values (`decode` raises RepetitionError) are dropped and not counted."""
 
     def __init__(
         self,
@@ -76,7 +76,7 @@ class Feed(Generic[Value]):
         """
         self.source = source
         self.recent: tuple[Sample[Value], ...] = ()
-        """The latest KEPT messages, oldest first."""
+        """The latest messages, at most `KEPT` of them, oldest first."""
         self.clock = clock
         """Conversion from the sender's clock to this machine's clock; None if no `clock` was given."""
         self.lost = 0

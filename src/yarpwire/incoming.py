@@ -216,7 +216,7 @@ class Incoming:
                 continue
 
     def _wait_slice(self) -> None:
-        """Limits the rate of messages: waits until SLICE has passed since the last burst began."""
+        """Waits, if needed, so that at most BURST messages are read in the time SLICE."""
         now = time.monotonic()
         if now - self._slice < SLICE:
             time.sleep(self._slice + SLICE - now)
@@ -229,8 +229,8 @@ class Incoming:
 
 
 def _be_patient(sock: socket.socket) -> None:
-    """Limits each wait to PATIENCE. Uses the operating system's timeout, since Python's timeout needs one
-    more system call per message."""
+    """Limits each wait of the socket, for receiving and for sending, to 2 s (`PATIENCE`). Uses the operating
+    system's timeout, since Python's timeout needs one more system call per message."""
     sock.settimeout(None)
     seconds = struct.pack("@ll", int(PATIENCE), int(PATIENCE % 1 * 1e6))
     for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):

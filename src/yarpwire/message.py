@@ -1,7 +1,8 @@
 """Format of YARP's messages as bytes. All integers are little-endian.
 
 - A number is `YA`, an int32 value and `RP`.
-- A connection begins with a header: number 7777 + carrier, int32 length of the name, sender's name and NUL.
+- A connection begins with a header: the number 7777 + `Carrier.code`, int32 length of the name, sender's name
+  and NUL.
 - A message begins with an index: number 10, count of blocks (1 byte), byte 1, and 8 bytes FF. Then the int32
   lengths of the blocks follow, and int32 0.
 - The first block is a command. The short form of a command is int32 0, `~`, a letter, 00 01. The long form is
@@ -103,7 +104,8 @@ def read_name(source: Source) -> str:
 
 
 def pack_message(blocks: Sequence[bytes]) -> bytes:
-    """Returns a message: the index and the blocks."""
+    """Returns the bytes of a message: the index, which contains the number and the lengths of the blocks, and
+    then the blocks."""
     if len(blocks) > MOST_BLOCKS:
         raise WireError(f"a message of {len(blocks)} blocks; valid: up to {MOST_BLOCKS}")
     count = len(blocks)
@@ -135,8 +137,7 @@ def _lengths(source: Source) -> tuple[int, ...]:
 
 @cache
 def _words(count: int) -> struct.Struct:
-    """Returns the format of `count` integers. Formats are cached, which is possible since `count` is at most
-    2 x 255."""
+    """Returns the format of `count` integers. The cache stays small, since `count` is at most 510."""
     return struct.Struct(f"<{count}i")
 
 

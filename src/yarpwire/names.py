@@ -40,7 +40,7 @@ class Contact:
     carrier: str = "tcp"
 
     def line(self) -> str:
-        """Returns the contact in the form that name servers send."""
+        """Returns the address as a line of text, in the form that name servers send."""
         return f"registration name {self.name} ip {self.host} port {self.port} type {self.carrier}"
 
     def answers(self) -> bool:
@@ -186,7 +186,7 @@ class Names:
         return lines
 
     def query(self, name: str) -> Contact:
-        """Returns the contact of a port. Raises UnknownNameError if the port is not registered, and PortError
+        """Returns the address of a port. Raises UnknownNameError if the port is not registered, and PortError
         if no valid answer arrives."""
         for line in self.request("query", name):
             if (contact := parse_contact(line)) is not None:
@@ -194,7 +194,7 @@ class Names:
         raise UnknownNameError("YARP port", name, sorted(contact.name for contact in self.list()))
 
     def list(self) -> list[Contact]:
-        """Returns the contacts of all ports."""
+        """Returns the addresses of all ports."""
         return [contact for line in self.request("list") if (contact := parse_contact(line)) is not None]
 
     def register(self, contact: Contact, properties: dict[str, str] | None = None) -> None:

@@ -103,8 +103,8 @@ class Network(ABC):
     def port(
         self, name: str, dialect: Dialect, receive: Callable[[Delivery], Answer] | None = None
     ) -> NamedPort:
-        """Opens a port. A thread of the port calls `receive` with each message. For a call, `receive` returns
-        the answer."""
+        """Opens a port. A thread of the port calls `receive` with each message. If the sender of a message
+        expects an answer, `receive` returns this answer."""
 
     @abstractmethod
     def writer(self, target: str, sender: str) -> Writer:

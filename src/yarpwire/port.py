@@ -81,8 +81,8 @@ class Port:
             raise
 
     def register(self) -> None:
-        """Registers the port. Call this again after the name server has restarted. Raises PortError if that
-        fails."""
+        """Registers the port. Call this again after the name server has restarted. Raises PortError if the
+        registration fails."""
         properties = {
             "offers": SPOKEN,
             "accepts": SPOKEN,

@@ -1,7 +1,7 @@
 """Structure of the answer to each method of YARP 4.0's control boards.
 
-The answer to a refused call also contains the whole structure. A client reads every field of the method, and
-would wait for a missing field.
+The answer to a refused call also contains the whole structure. A client reads all fields of this structure,
+and would wait for a missing field.
 """
 
 from __future__ import annotations
@@ -80,11 +80,12 @@ _METHODS = {
 RETURNS = {
     f"{name}RPC": tuple(fields.split()) for fields, names in _METHODS.items() for name in names.split()
 }
-"""Types of the fields that each method returns after its result."""
+"""Types of the fields that follow the result code (`ok` or an error) in the answer to each method."""
 
 
 def reply(method: str, found: Sequence[Any] | None) -> list[Any]:
-    """Returns the reply to an executed call: `[ok]`, or `([ok]) data` with the fields `found`."""
+    """Returns the reply to an executed call: `[ok]` if the method returns no fields, otherwise `([ok])` and
+    the fields `found`."""
     return _structure(method, OK, found or ())
 
 

@@ -62,8 +62,9 @@ class SocketSource:
         return self._budget
 
     def take(self, count: int) -> bytes:
-        """Returns the next `count` bytes. Raises WireError if `count` is above the budget, EOFError at the
-        end of the connection, and TimeoutError after the socket's timeout."""
+        """Returns the next `count` bytes. Raises WireError if `count` is above the number of bytes that the
+        message may still contain, EOFError at the end of the connection, and TimeoutError after the socket's
+        timeout."""
         if not 0 <= count <= self._budget:
             raise WireError(f"length {count}; valid: 0 to {self._budget}")
         self._budget -= count
@@ -94,8 +95,8 @@ class SocketSource:
         return self._at < len(self._buffer)
 
     def await_next(self) -> None:
-        """Waits for the beginning of the next message, and sets this message's largest length, the budget, to
-        LONGEST. Raises EOFError at the end of the connection, and TimeoutError after the socket's timeout."""
+        """Waits for the beginning of the next message, which may have at most `LONGEST` bytes. Raises
+        EOFError at the end of the connection, and TimeoutError after the socket's timeout."""
         self._budget = LONGEST
         if self._at >= len(self._buffer):
             self._need(1)

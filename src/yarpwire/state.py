@@ -36,7 +36,7 @@ class BoardState:
     torque: Array | None = None
     """Torques (n,) [N m]."""
     modes: tuple[int, ...] | None = None
-    """Control mode (n,) of each joint, as vocabularies."""
+    """Control mode (n,) of each joint, such as `Vocab("pos")`."""
     interactions: tuple[int, ...] | None = None
     """Interaction mode (n,) of each joint, as vocabularies."""
 

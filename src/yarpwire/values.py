@@ -22,7 +22,8 @@ class Vocab(int):
     compares as equal to this integer."""
 
     def __new__(cls, word: str | int) -> Vocab:
-        """Packs the letters. Raises WireError if the text does not fit."""
+        """Creates a vocabulary from its letters, or from the integer into which they are packed. Raises
+        WireError unless `word` has one to four letters, or is an int32."""
         return super().__new__(cls, _pack(word, 4))
 
     @property

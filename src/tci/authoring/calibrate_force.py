@@ -49,7 +49,7 @@ class ForceFit:
     All factors are 0 if the measured load does not increase with the forces of the patch.
     """
     offset: float
-    """Force [N] that the sensor read while the patch was at rest."""
+    """Estimated reading [N] of the force sensor while the patch carries no load."""
     penalty: float
     """Penalty on differences between gains; infinite if all taxels have one gain."""
     held_out: float
@@ -66,7 +66,8 @@ def calibrate_to_force(
     sensor: Sensor, areas: Array, stamps: Array, values: Array, times: Array, forces: Array, *,
     when: str = "unknown",
 ) -> tuple[PatchCalibration, ForceFit]:  # fmt: skip
-    """Calibrates a patch with the result of `fit_recording`. Raises TciError if all gains are zero."""
+    """Returns the calibration of a patch (rest values, noise and gains), and the fit of the gains. The
+    arguments are those of `fit_recording`. Raises TciError if all gains are zero."""
     found, rest, noise = fit_recording(sensor, areas, stamps, values, times, forces)
     if not found.gains.any():
         raise TciError(
@@ -121,7 +122,8 @@ def fit_force(parts: Array, load: Array, blocks: NDArray[np.intp], *, raw: Array
     are applied.
 
     `blocks` (m,) is the block number of each frame; the frames of a block are held out together. `raw` (m,)
-    is the sum of all raw values of each frame, for the error `held_out_raw_sum`.
+    is the sum of all raw values of each frame. The result contains the error of a simpler model that uses
+    only this sum.
     """
     train = blocks % 2 == 0
     test, some = ~train, blocks[train] // 2
@@ -140,7 +142,8 @@ def fit_force(parts: Array, load: Array, blocks: NDArray[np.intp], *, raw: Array
 
 
 def _fit(parts: Array, load: Array, penalties: Sequence[float]) -> list[tuple[Array, float]]:
-    """Returns the gains (n,) and the offset [N] for each penalty.
+    """Returns, for each penalty on differences between the taxels' gains, these gains (n,) and the offset [N]
+    of the load.
 
     All gains are 0 if the load does not increase with the forces of the patch.
     """
@@ -175,7 +178,8 @@ def _factors(parts: Array, load: Array, penalties: Sequence[float]) -> Iterator[
 
 
 def _choose(parts: Array, load: Array, blocks: NDArray[np.intp], folds: int = 4) -> float:
-    """Returns the penalty with the least error on held-out blocks."""
+    """Returns the penalty on differences between the taxels' gains with which the fit has the least error on
+    held-out blocks of frames."""
     squares = np.zeros(len(PENALTIES))
     for fold in range(folds):
         out = blocks % folds == fold

@@ -19,8 +19,9 @@ NODES = 6
 """Largest number of linear pieces of a skin's response, the curve of pressure over raw value. Assumed: enough
 for smooth curves. If this number would leave fewer than two loads per piece, fewer pieces are used."""
 STIFF = 0.03
-"""Weight of the smoothing that keeps the slopes of adjacent linear pieces of the response similar, relative
-to the weight of the loads in the least-squares fit. Assumed: so small that the loads determine the slopes."""
+"""Weight of smoothness in the least-squares fit of the response, where the loads have the weight 1.
+Smoothness means similar slopes of adjacent linear pieces. Assumed: so small that the loads determine the
+slopes."""
 FEWEST_FRAMES = 20
 """Least number of frames at rest. Assumed: a standard deviation estimated from 20 frames has an error of
 about 16 percent."""

@@ -32,10 +32,10 @@ CLEAR = np.deg2rad(25.0)
 than this value, the finger bends in the direction with the larger range. Otherwise the bending direction is
 in doubt."""
 APART = 0.1
-"""Each finger is left out once, and the least cosine between the bending axes of the remaining fingers is
-computed. The finger without which this cosine is largest is the thumb, if the second largest cosine is
-smaller by at least APART. Otherwise the thumb can only be found by its name. Assumed: fingers that fan out
-change the cosine by less than this."""
+"""The thumb is the finger without which the other fingers' bending axes are most parallel. Without it, the
+least cosine between two of these axes must be larger than without any other finger, by more than this number.
+Otherwise the thumb can only be found by its name. Assumed: fingers that fan out change the cosine by less
+than this."""
 BESIDE = 0.3
 """Least distance between a thumb and the middle of the palm, if the thumb is on one side of the palm. The
 distance is a fraction of half the palm's width. At a smaller distance the thumb counts as attached in the
@@ -85,7 +85,7 @@ class Finger:
     spread: int | None = None
     """Joint that spreads the finger, or opposes the thumb; None if there is none."""
     outward: float = 1.0
-    """Direction (1 or -1) in which the joint `spread` turns for a positive spread."""
+    """Direction (1 or -1) in which the joint `spread` turns to spread the finger, or to oppose the thumb."""
     offset: float = 0.0
     """Spread of a finger, or opposition of the thumb [rad], at the model's zero."""
 
@@ -242,7 +242,7 @@ def _across(
 
 
 def _spread(joints: Sequence[Joint], finger: Finger, palmar: Array, radial: Array) -> Finger:
-    """Returns the finger with the joint that spreads it, if the finger has such a joint."""
+    """Adds to `finger` the joint that spreads it; returns `finger` unchanged if it has no such joint."""
     free = finger.chain[: -len(finger.flexion)]
     if not free:
         return finger

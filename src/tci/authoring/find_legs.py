@@ -40,8 +40,8 @@ def find_legs(
 ) -> dict[Side, Leg]:
     """Finds both legs, by side. Joints in `taken` belong to other limbs and are not considered.
 
-    The result is empty for a robot that does not have exactly two legs. `extent` [m] is the extent of all
-    joints. `slanted` is the least cosine between the axis of hip pitch and the y axis.
+    The result is empty for a robot that does not have exactly two legs. `extent` [m] is the longest side of
+    the box around all joints. `slanted` is the least cosine between the axis of hip pitch and the y axis.
     """
     parents = {joint.parent for joint in joints}
     heights = [float(joint.anchor[2]) for joint in joints]

@@ -64,9 +64,9 @@ def find_limbs(model: Model, points: LinkPoints, *, arms: tuple[str, str] | None
 
     Either the z axis or the y axis of the model's root must point up. Joint names that contain a side decide
     between left and right. `arms` are the names of the first joints of the left and the right shoulder;
-    without `arms`, places and names decide which limbs are arms. Raises DescriptionError for a model without
-    two mirrored arms of the generic kind, or if arms and legs can't be distinguished. Also raises the errors
-    of `load_spec`.
+    without `arms`, places and names decide which limbs are arms. Raises DescriptionError if the model can't
+    be read, if it has no two mirrored arms with three joints at the shoulder and one at the elbow, or if arms
+    and legs can't be distinguished.
     """
     compiled = bare_model(model)
     data = mujoco.MjData(compiled)
@@ -193,8 +193,8 @@ def _ended(
 ) -> Limb:
     """Returns the limb, with the end of its forearm added if `limb` lacks this end.
 
-    The added end is at a fixed hand, or else at the end of the forearm's geometry. Raises DescriptionError if
-    the model contains neither.
+    The added end is the origin of a link that is fixed to the forearm, such as a hand, or else the far end of
+    the forearm's geometry. Raises DescriptionError if the model contains neither.
     """
     if not limb.ends_nowhere:
         return limb
@@ -227,7 +227,8 @@ def _medians(joints: Sequence[Joint]) -> list[float]:
 
 
 def _shifted(joints: Sequence[Joint], median: float) -> tuple[Joint, ...]:
-    """Returns the joints relative to a root in the median plane, which is at y = `median` [m]."""
+    """Returns the joints with their positions relative to the median plane: `median` [m], the y coordinate of
+    this plane, is subtracted."""
     away = np.array([0.0, median, 0.0])
     return tuple(replace(joint, anchor=joint.anchor - away) for joint in joints)
 
@@ -295,8 +296,8 @@ def _own_line(joints: Sequence[Joint], limb: Limb, trunk: tuple[int, ...]) -> li
 
 
 def _shared_link(model: mujoco.MjModel, bodies: list[int], path: str) -> str:
-    """Returns the link nearest to two bodies that carries both of them. Raises DescriptionError if only the
-    world carries both bodies."""
+    """Returns the name of the link that is the nearest common ancestor of two bodies. Raises DescriptionError
+    if this is the world."""
     lines = []
     for body in bodies:
         line = []

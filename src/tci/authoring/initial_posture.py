@@ -29,8 +29,8 @@ the arm points forward, would get a twisted posture.
 
 
 def with_initial(draft: Robot, part: GenericPart) -> GenericPart:
-    """Returns an arm whose initial posture is the first of POSTURES at which its servos are at least ROOM
-    from their limits.
+    """Returns the arm with an initial posture: the first candidate in POSTURES in which each servo is at
+    least ROOM [rad] from its limits.
 
     If there is none, uses the posture with the largest distance from limits. If this posture is beyond a
     limit, uses the nearest posture inside the limits.
@@ -48,7 +48,8 @@ def with_initial(draft: Robot, part: GenericPart) -> GenericPart:
 
 
 def check_reach(draft: Robot, part: GenericPart) -> None:
-    """Raises DescriptionError if the limits of an arm allow none of POSTURES.
+    """Raises DescriptionError if each candidate for the initial posture (`POSTURES`) is at least 0.1 rad
+    beyond a joint limit of the arm.
 
     In this case the limits in the model file are wrong.
     """
@@ -103,8 +104,9 @@ def clear_of_body(draft: Robot, arms: Sequence[GenericPart]) -> list[GenericPart
 def _room(draft: Robot, joints: JointMap, posture: Array, *, turned: float = TURNED) -> float:
     """Returns the least distance [rad] of an arm's servos from their limits in a posture.
 
-    A rotation of a shoulder's joint by `turned` [rad] also counts as a limit. If the servos can't reach the
-    posture, the result is reduced by ten times the error.
+    The rotation of each shoulder joint from its rest (the model's zero, or the middle of its range) is also
+    limited, to `turned` [rad]. If the servos can't reach the posture, ten times the largest error [rad] of a
+    generic angle is subtracted.
     """
     start, (lower, upper) = np.zeros(len(draft.servos)), _limits(draft, joints)
     angles = joints.to_robot(posture, start)

@@ -25,8 +25,8 @@ ACCELERATION = np.deg2rad((400.0, 2400.0))
 """Range [rad/s2] of proposed acceleration limits. Within this range, the proposed limit is an acceleration
 that the joint reaches with a quarter of its torque, when it moves its largest inertia."""
 MOST_TORQUE = 0.35
-"""Largest fraction of a joint's torque that the proposed acceleration limit may need. The limit needs more
-than a quarter of the torque only if a quarter is too little for the lower end of ACCELERATION."""
+"""Largest fraction of a joint's torque that the proposed acceleration limit may need. More than a quarter of
+the torque is used only if a quarter gives less than 400 degrees/s2."""
 SLOWEST = float(np.deg2rad(30.0))
 """Least acceleration [rad/s2] that an arm's joint must reach with its full torque, while it moves its largest
 inertia. Real arms reach more than 10 rad/s2. If a joint does not reach SLOWEST, a value in the file has a
@@ -57,7 +57,7 @@ class JointFacts:
     follows: str | None = None
     """Name of the leading joint, if this joint follows another joint by a fixed ratio (mimic, equality)."""
     multiplier: float = 1.0
-    """Change of this joint's angle per change of the leading joint's angle."""
+    """Change of this joint's angle per change of the angle of the joint that it `follows`."""
     offset: float = 0.0
     """Angle [rad] of this joint while the joint that it `follows` is at 0."""
     stuck: bool = False
@@ -69,7 +69,7 @@ class JointFacts:
 
 
 def read_facts(model: Model, compiled: mujoco.MjModel) -> dict[str, JointFacts]:
-    """Returns the values of each joint in a model file, by joint name."""
+    """Returns the limits, coupling and friction of each joint in a model file, by joint name."""
     given = _from_mjcf(compiled) if model.format == "mjcf" else _from_urdf(model)
     found = {}
     for name, facts in given.items():
@@ -85,8 +85,8 @@ def driven(joints: Sequence[Joint], facts: Mapping[str, JointFacts], needed: set
 
     A joint at the end of a chain is left out if its range is a single angle (`stuck`), unless `needed`
     contains the joint. If a joint follows another joint by a fixed ratio, only the leading joint is a servo.
-    There is one exception: the leading joint is a gear at the motor, which carries no joint, and `needed`
-    contains the follower. The follower is then the servo.
+    There is one exception: the follower is the servo if `needed` contains only the follower, and if the
+    leading joint carries no further joint (a gear at the motor).
     """
     index = {joint.name: place for place, joint in enumerate(joints)}
     parents = {joint.parent for joint in joints}

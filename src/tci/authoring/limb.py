@@ -51,7 +51,8 @@ class Limb:
     middle: Array
     """Elbow or knee (3,) [m]: the point on the third axis of `ball` that is nearest to the axis of `bend`."""
     wrist: Array
-    """End (3,) [m] of the forearm or shank. Equal to `middle` if there is no joint at that end."""
+    """End (3,) [m] of the forearm or shank. If there is no joint at that end, the elbow or knee (`middle`).
+    """
 
     @property
     def length(self) -> float:

@@ -42,8 +42,8 @@ def named_side(name: str) -> str | None:
 
 def is_named_so(joints: Sequence[Joint], pair: Pair) -> bool:
     """Returns False if the name of a limb's first joint contains the opposite side, for example `right` for
-    the left limb. Returns True if both names contain one side, such as `_r0` and `_r1`: such names say
-    nothing."""
+    the left limb. Exception: returns True if the names of both limbs contain equal sides, such as `_r0` and
+    `_r1`, because such letters do not tell the limbs apart."""
     named = {side: named_side(joints[limb.ball[0]].name) for side, limb in pair.items()}
     return len(set(named.values())) == 1 or all(told in (None, side) for side, told in named.items())
 
@@ -52,8 +52,8 @@ def hangs_as(pair: Pair, centre_of_mass: float | None) -> Vote:
     """Returns the kind of a pair of limbs from `centre_of_mass`: the height [m] of the centre of mass of all
     bodies that the pair does not move.
 
-    Arms begin above the centre of mass, legs below it. Returns None if the limbs begin near this height
-    (CLEAR), or if `centre_of_mass` is None.
+    Arms begin above the centre of mass, legs below it. Returns None if the limbs begin near this height, or
+    if `centre_of_mass` is None.
     """
     if centre_of_mass is None:
         return None

@@ -14,8 +14,8 @@ from tci.robot.mesh_files import NO_MESHES
 from tci.robot.model_file import LEAST_MASS, compiled, load_spec
 
 POINTS = 6000
-"""Number of points on one mesh. Assumed: with fewer points, some pieces of a limb (SECTORS, SLABS) would have
-no point; more points take longer."""
+"""Number of points on one mesh. Assumed: with fewer points, some of the pieces into which a limb's surface is
+divided (`SECTORS` x `SLABS`) would have no point; more points take longer."""
 SECTORS, SLABS = 24, 12
 """Number of pieces into which a limb's surface is divided, around and along the limb. The outermost point of
 each piece is used. Assumed: fewer pieces do not follow the limb's shape, more pieces need more points."""
@@ -206,8 +206,8 @@ def cone_around(points: Array, origin: Array, axis: Array, begin: float, end: fl
 
 def _outermost(points: Array, origin: Array, axis: Array) -> Array:
     """Returns the outermost of `points` (n, 3) [m] in each piece of the limb's surface, as an array (k, 3)
-    [m]. A piece is a sector around the limb's axis and a section along it. Returns an empty array for fewer
-    than SECTORS points."""
+    [m]. A piece is a sector around the limb's axis and a section along it. Returns an empty array if there
+    are fewer points than sectors."""
     if len(points) < SECTORS:
         return np.zeros((0, 3))
     side = np.linalg.svd(axis[None])[2][1:]

@@ -23,9 +23,10 @@ def live_channels(values: Array, *, per_module: int = PER_MODULE) -> NDArray[np.
 
     A skin consists of modules, which are boards with `per_module` channels each. If no channel of a module
     ever changes, its channels are not counted as taxels. The module is then absent or sends no data; the
-    values don't distinguish between these cases. The thermal pads have equal places in all modules. A place
-    counts as a thermal pad if its values vary little in most modules. Raises TciError for frames that do not
-    divide into modules, that contain values that are not finite, or in which no value changes.
+    values don't distinguish between these cases. The thermal pads have equal channel numbers (0 to
+    `per_module` - 1) within all modules. A channel number belongs to a pad if its values vary little in most
+    modules. Raises TciError for frames that do not divide into modules, that contain values that are not
+    finite, or in which no value changes.
     """
     if values.ndim != 2 or values.shape[1] % per_module or not len(values):
         raise TciError(f"frames of shape {values.shape}; valid: (n, a multiple of {per_module})")

@@ -141,10 +141,11 @@ class _LoadSession:
     ) -> None:
         """Prepares a session.
 
-        Args: driver: The robot's driver, which is open. patch: Name of the patch. channels: Channels
-            (taxels,) of the forces in the raw frame. ask: Called with a request to the person; returns when
-            the person has done it. progress: Called after each frame with a text on the purpose of the frames
-            (for example "under 5 N"), the number of frames so far, and the number wanted.
+        Args: driver: The robot's driver, which is open. patch: Name of the patch. channels: Index (taxels,)
+            in the raw frame of each taxel's value; for a three-axis taxel, of the value along its normal.
+            ask: Called with a request to the person; returns when the person has done it. progress: Called
+            after each frame with a text on the purpose of the frames (for example "under 5 N"), the number of
+            frames so far, and the number wanted.
         """
         self.driver = driver
         self.patch = patch

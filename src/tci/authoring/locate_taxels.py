@@ -28,7 +28,7 @@ FAINT = 0.04
 PRIOR = 0.010
 """Expected standard deviation [m] of the errors in the taxels' initial positions."""
 CENTRE, SHIFT, SURFACE = 0.0005, 0.002, 0.0015
-"""Three standard deviations [m].
+"""Standard deviations [m] of three distances.
 
 - CENTRE: distance of the centre of pressure from the probe.
 - SHIFT: distance of the peak of the responses from the probe, since skin has edges and gaps.
@@ -117,8 +117,9 @@ def locate_taxels(touches: Sequence[ProbeTouch], initial: Array) -> LocatedTaxel
 class _Problem:
     """Least-squares problem of `locate_taxels`.
 
-    The unknowns are the positions (n, 3) of the taxels, the peak c_t and the logarithm of A_t for each touch
-    t, and 1 / (2 w^2). `locate_taxels` explains c_t, A_t and w.
+    The unknowns are the positions (n, 3) [m] of the taxels, the place c_t of the largest response to each
+    touch t, the logarithm of this response A_t, and 1 / (2 w^2) with the width w of a response.
+    `locate_taxels` contains the formula of the responses.
     """
 
     def __init__(

@@ -39,8 +39,9 @@ residual."""
 
 
 TURNS, SETTLED = 200, 1e-7
-"""Pose and depth are fitted alternately. TURNS: largest number of alternations. SETTLED: the alternation ends
-when the depth changes by less than this distance [m]."""
+"""The fit alternates between the pose of a skin and the depth to which the touches press both skins into each
+other. TURNS: largest number of alternations. SETTLED: the alternation ends when the depth changes by less
+than this distance [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +52,8 @@ class SelfTouch:
     """Place (3,) [m] of the touch as reported by the skin to be located, in the frame of the link that
     carries this skin."""
     normal: Array
-    """Outward unit normal (3,) of the skin at the place `reported`, in the same frame."""
+    """Outward unit normal (3,) of the skin to be located, at the place `reported`, in the frame of its link.
+    """
     met: Array
     """Place (3,) [m] of the touch as reported by the other skin, in the frame of the link that carries the
     skin to be located."""
@@ -65,13 +67,13 @@ class Mount:
     """Pose (4, 4) in the frame of the link. The corrected pose of the skin is this pose times the pose in the
     description."""
     residual: float
-    """Root mean square distance [m] between the two places of each touch, after the correction of the mount
-    and of the depth."""
+    """Root mean square distance [m] between the two places that the two skins report for each touch, with
+    `correction` and `depth` taken into account."""
     depth: float
     """Mean depth [m] to which the skins were pressed into each other."""
     before: float
-    """Root mean square distance [m] between the two places that the two skins report for each touch, without
-    correction."""
+    """Root mean square distance [m] between the places at which the skin and the skin that touches it report
+    the touches, without correction."""
     touches: int
     """Number of touches that were used."""
     left_out: int
@@ -93,8 +95,8 @@ class Mount:
 
 
 def find_mount(touches: Iterable[SelfTouch]) -> Mount:
-    """Finds a rigid correction by least squares. The correction moves the places that the located skin
-    reported to the places that the other skin reported.
+    """Finds, by least squares, the rigid correction of a skin's pose with which both skins report one place
+    for each touch.
 
     Raises TciError for fewer than FEWEST touches, or for touches that lie on a line.
     """
@@ -127,7 +129,8 @@ def find_mount(touches: Iterable[SelfTouch]) -> Mount:
 
 
 def mount_in_recording(path: Path, robot: Robot, patch: str) -> Mount:
-    """Returns the mount of a patch from a recording in which the robot touches itself.
+    """Returns the correction of a patch's pose on its link, computed from a recording in which the robot
+    touches itself.
 
     Raises UnknownNameError if the robot has no such patch, RecordingError if the file can't be read, and
     TciError for too few touches.
@@ -206,8 +209,9 @@ def _centre(surface: Surface, contact: Contact) -> tuple[Array, Array]:
 
 
 def _fit(reported: Array, normals: Array, met: Array) -> tuple[Array, float]:
-    """Returns the correction of the skin's place as a pose (4, 4), and the depth [m] of the touches. Both are
-    fitted alternately, and minimise the residual of the touches.
+    """Returns the correction of the skin's place as a pose (4, 4), and the depth [m] of the touches. Pose and
+    depth are fitted in turn, until the places that the two skins report for each touch agree best (least
+    squares).
 
     If the depth were neglected, a skin around half of a limb would be placed too deep. For a flat skin the
     depth can't be determined and stays 0.

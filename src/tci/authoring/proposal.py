@@ -43,14 +43,14 @@ def propose(
     """Proposes the description of the robot whose URDF or MJCF is at `path`, for review by a person.
 
     Args: path: URDF or MJCF file. name: Name of the robot. package: Installed Python package that contains
-        the model. mount: Selects the description of a shoulder whose axes are slightly rotated against those
-        of the generic shoulder. True: eq. 1 in a rotated frame, the mount. False: the shoulder is retargeted
-        in the torso frame. meshes: Folder with the meshes, if they are not at the paths in the model; "none"
-        to do without meshes. arms: Names of the first joints of the left and the right shoulder, if the arms
-        are in doubt. elbow: Direction in which the left elbow's joint bends the arm, if it is in doubt.
-        trust_fingers: "names" or "places": source to trust if the names and the places of the fingers
-        contradict each other; "none" describes the hands without fingers. skin_on_hands: Adds assumed skin on
-        palms and finger tips.
+        the model. mount: Matters only for a shoulder whose axes are slightly rotated against those of the
+        generic shoulder. True: the description has a rotated mount frame, if eq. 1 is exact in this frame.
+        False: the shoulder is retargeted in the torso frame. meshes: Folder with the meshes, if they are not
+        at the paths in the model; "none" to do without meshes. arms: Names of the first joints of the left
+        and the right shoulder, if the arms are in doubt. elbow: Direction in which the left elbow's joint
+        bends the arm, if it is in doubt. trust_fingers: "names" or "places": source to trust if the names and
+        the places of the fingers contradict each other; "none" describes the hands without fingers.
+        skin_on_hands: Adds assumed skin on palms and finger tips.
 
     Raises DescriptionError for a file that is not a model of a humanoid with two arms, or if arms, elbows,
     the ends of forearms or fingers are in doubt.

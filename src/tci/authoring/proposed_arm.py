@@ -24,14 +24,15 @@ Sign = Literal[1, -1]
 """Direction in which a joint turns, about its axis in the model."""
 
 LINEAR = 1e-6
-"""Largest error [rad] of eq. 1 of the paper for the angles of a shoulder that counts as linear."""
+"""A shoulder's transform is linear (eq. 1 of the paper) if its generic angles from eq. 1 are wrong by at most
+this value [rad]."""
 FARTHER = np.deg2rad(25.0)
 """An elbow bends in the direction with the larger range of flexion, if the ranges of the two directions
 differ by more than this angle [rad]."""
 TWISTED = np.deg2rad(45.0)
-"""If the ranges of flexion do not decide an elbow's direction, the shoulder decides: the elbow bends in the
-direction for which the shoulder rotates less from the model's zero to the generic postures. The two rotations
-must differ by more than this angle [rad]."""
+"""Least difference [rad] between the shoulder rotations for the two possible directions of an elbow. The
+rotations lead from the model's zero to a generic posture. If the ranges of flexion do not decide the
+direction, the direction with the smaller rotation is chosen."""
 
 
 def elbow_senses(
@@ -41,7 +42,7 @@ def elbow_senses(
 
     The direction of the left elbow is `left`, if given. Without `left`, the left elbow bends in the direction
     in which this elbow can move farther. If the limits are about symmetric, the left elbow bends in the
-    direction for which the shoulder turns less from the model's zero to the generic postures. The right elbow
+    direction with which the shoulder joints need smaller angles for a generic posture. The right elbow
     mirrors the left elbow. Raises DescriptionError if none of these rules decides.
     """
     ways: list[dict[str, Sign]] = [_mirrored(body, sense) for sense in (1, -1)]
@@ -72,7 +73,8 @@ def elbow_senses(
 def largest_flexion(
     draft: Robot, body: FoundLimbs, side: str, sense: float, index: Mapping[str | None, int]
 ) -> float:
-    """Returns the largest generic elbow angle [rad] of an arm whose elbow bends in the direction `sense`."""
+    """Returns the largest generic elbow angle [rad] of an arm. `sense` is 1 if the arm bends when the elbow
+    joint's own angle increases, else -1."""
     limb = body.arms[side]
     limits = draft.servos[index[body.joints[limb.bend].name]].limits
     assert limits.lower is not None

@@ -43,8 +43,8 @@ class _Drive(NamedTuple):
 def find_hands(
     body: FoundLimbs, facts: Mapping[str, JointFacts], points: LinkPoints, path: str, *, trust: Trust | None
 ) -> Hands:
-    """Returns the fingers of both hands. Raises DescriptionError if the fingers of a hand can't be identified
-    with the rule `trust`."""
+    """Returns the fingers of both hands. `trust` decides if names and places of fingers contradict each
+    other. Raises DescriptionError if the fingers of a hand can't be identified."""
     hands: dict[Side, tuple[Finger, ...]] = {}
     for name, limb in body.arms.items():
         side: Side = "left" if name == "left" else "right"
@@ -64,10 +64,11 @@ def find_hands(
 
 
 def _alike(hands: Hands) -> Hands:
-    """Returns the hands with equal opposition of both thumbs at the model's zero.
+    """Returns the hands with equal opposition angles of both thumbs at the model's zero, if these angles
+    differ only because of rounding.
 
-    If the two oppositions differ by at most one step of rounding, both hands get the value of the first hand.
-    Otherwise both values stay unchanged.
+    If the two angles differ by at most the rounding step of 15 degrees (`ROUNDED`), both thumbs get the angle
+    of the first hand. Otherwise both angles stay unchanged.
     """
     thumbs = [found[0].offset for found in hands.values() if found[0].name == "thumb"]
     if len(thumbs) < 2 or abs(thumbs[0] - thumbs[1]) > 1.01 * ROUNDED:
@@ -124,7 +125,8 @@ def fingers(
 
 
 def _tips(body: FoundLimbs, arm: int, points: LinkPoints) -> dict[int, Array]:
-    """Returns the end (3,) [m] of each link that an arm moves.
+    """Returns the end (3,) [m] of each link that the joint `arm` carries, by the index of the joint that
+    moves this link. The ends are in the frame H: x forward, y left, z up.
 
     The end is the place of the next joint. If there is no next joint, the end of the link's geometry is used.
     If the link has no geometry either, the link is assumed to be as long as the previous link.
@@ -154,7 +156,8 @@ def _drive(name: str, own: Mapping[str | None, Servo], facts: Mapping[str, Joint
 
 
 def _flexion(bends: Sequence[tuple[float, _Drive]]) -> tuple[dict[int, float], float]:
-    """Returns the factor of each servo, and the offset [rad], of a finger's flexion.
+    """Returns the factors, by servo index, and the offset [rad] with which a finger's flexion is computed
+    from servo angles: flexion = sum of factor * angle + offset.
 
     The flexion is the angle of the finger's first joint. If the finger has several motors, the other motors
     follow the first motor in the ratio of their ranges.
@@ -194,8 +197,8 @@ def _generic(
 
 
 def _near_zero(servo: Servo) -> float:
-    """Returns the angle [rad] nearest to 0 that is at least ROOM [rad] away from the limits of the servo. If
-    the range is narrow, 0.4 of the range is enough."""
+    """Returns the servo angle [rad] nearest to 0 that keeps a distance from both limits: ROOM [rad], or 0.4
+    of the servo's range if that is less."""
     lower, upper = servo.limits.lower or 0.0, servo.limits.upper or 0.0
     room = min(ROOM, 0.4 * (upper - lower))
     return float(np.clip(0.0, lower + room, upper - room))

@@ -195,8 +195,7 @@ def _starts(points: Array, surface: LinkSurface) -> Array:
     """Returns poses (s, 4, 4) to start from.
 
     The first pose is the identity. The other poses combine each of the 24 rotations by multiples of 90
-    degrees with each combination of three offsets in OFFSETS. The offsets shift the centre of the points away
-    from the centre of the surface.
+    degrees with 27 offsets between the centre of the points and the centre of the surface.
     """
     centre, theirs = points.mean(axis=0), surface.points.mean(axis=0)
     return np.array(
@@ -210,7 +209,7 @@ def _starts(points: Array, surface: LinkSurface) -> Array:
 
 
 def _best(poses: Array, points: Array, surface: LinkSurface, count: int) -> Array:
-    """Returns those `count` of the `poses` (s, 4, 4) that move the points nearest to the surface."""
+    """Returns the `count` best of `poses` (s, 4, 4): those that bring the points closest to the surface."""
     far = surface.tree.query(_placed(poses, points))[0].mean(axis=1)
     best: Array = poses[np.argsort(far, kind="stable")[:count]]
     return best
@@ -236,8 +235,8 @@ def _nearest(distance: Array, share: float) -> Array:
 def _point_to_point(points: Array, surface: LinkSurface, poses: Array, *, steps: int) -> Array:
     """Returns improved poses (s, 4, 4).
 
-    Each step moves the nearest nine tenths of `points` as closely as possible to their nearest surface
-    points.
+    Each step ignores the tenth of `points` that is farthest from the surface, and moves the others as closely
+    as possible to their nearest surface points.
     """
     for _ in range(steps):
         distance, index = surface.tree.query(_placed(poses, points))

@@ -47,7 +47,7 @@ def ends_of(body: FoundLimbs, limb: Limb) -> dict[str, tuple[Array, Array]]:
 
 def sleeves(body: FoundLimbs, limb: Limb, part: GenericPart, points: LinkPoints) -> list[Patch]:
     """Returns a cone of skin around each segment of an arm. If the model has no geometry for a segment, the
-    cone's radius follows from SLENDER.
+    cone's radius is estimated from the segment's length.
 
     Raises DescriptionError if the geometry of a segment lies beside the axis of the segment.
     """

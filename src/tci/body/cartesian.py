@@ -77,8 +77,8 @@ class Reach:
         return read_only(self._rotation.T @ (apply(T_TL, self._tip) - self._origin) / self.length)
 
     def solve(self, target: Array, position: Array) -> tuple[Array, float]:
-        """Returns servo angles (n_servos,) [rad] that bring the point as near as possible to `target` (3,)
-        [`unit`], and the remaining distance [m].
+        """Returns servo angles (n_servos,) [rad] that bring the point as near as possible to `target` (3,),
+        and the remaining distance [m]. The attribute `unit` is the unit of the target: metres or arm lengths.
 
         The angles are within limits and couplings. If there are several solutions, a solution near `position`
         (n_servos,) [rad] is preferred. Raises CommandError if the target has another shape or is not finite.

@@ -56,8 +56,8 @@ class Coverage:
         places: Sequence[LimbPlace | Landmark],
         radius: Array,
     ) -> Array:
-        """Returns a fraction (m,) for each of m places: of the taxels within `radius` (m,), the fraction that
-        is not `masked` (n,).
+        """Returns, for each of m places, the fraction (m,) of the taxels within its `radius` (m,) that are
+        trusted. `masked` (n,) is True for the taxels of the whole skin that are not trusted.
 
         The fraction is 1 for a place without taxels around it. The angles `joints` determine the places of
         taxels on the generic limb.

@@ -32,8 +32,9 @@ STEPS = 3
 """Largest number of mesh edges that one step of a path may span. Assumed: with 1 edge a path is up to 15 %
 too long, with 3 edges a few percent."""
 FACING = 0.2
-"""Least cosine between the skin's normal at a landmark and the direction of the landmark. Assumed: with this
-value, a landmark in the direction of the back of the hand is never found on the palm."""
+"""Least cosine between the skin's normal at a landmark and the direction of the ray that defines the
+landmark. Assumed: with this value, a landmark in the direction of the back of the hand is never found on the
+palm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +124,8 @@ class Landmarks:
         return _Reach(place, _geodesics(surface, self._edges[patch.name], point, normal))
 
     def _direction(self, part: GenericPart, patch: Patch, landmark: Landmark) -> Array:
-        """Returns the direction of a landmark as a unit vector (3,) in the patch's link."""
+        """Returns the direction from the middle of the skin to a landmark, as a unit vector (3,) in the frame
+        of the patch's link."""
         skin = self._skin
         joints = joint_map(skin.robot, part.name)
         position = np.array(initial_position(skin.robot))
@@ -160,9 +162,9 @@ def _geodesics(surface: Surface, edges: NDArray[np.intp], point: Array, normal: 
 
 
 def _edges(count: int, faces: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Returns pairs (m, 2) of taxels that are at most STEPS face edges apart.
+    """Returns pairs (m, 2) of taxels that are connected by at most `STEPS` edges of the mesh `faces`.
 
-    With longer steps, paths zigzag less, so that their lengths are more exact.
+    Paths along these pairs zigzag less than paths along the mesh edges, so that their lengths are more exact.
     """
     from scipy.sparse import coo_array
 
@@ -192,8 +194,8 @@ def _lengths(one: Array, normal: Array, other: Array, its_normal: Array) -> Arra
 def _is_near(points: Array, normals: Array, point: Array, normal: Array) -> NDArray[np.bool_]:
     """Returns a mask (n,) of `points` (n, 3) [m] that are directly connected to `point` (3,).
 
-    NEAR and TURNED define a direct connection. `normals` (n, 3) and `normal` (3,) are unit normals at the
-    points.
+    Two points are directly connected if their distance and the angle between their normals are small.
+    `normals` (n, 3) and `normal` (3,) are unit normals at the points.
     """
     near: NDArray[np.bool_] = np.linalg.norm(points - point, axis=-1) <= NEAR
     return near & (normals @ normal > TURNED)
@@ -202,8 +204,8 @@ def _is_near(points: Array, normals: Array, point: Array, normal: Array) -> NDAr
 def _around(surface: Surface, point: Array, normal: Array) -> tuple[NDArray[np.intp], Array]:
     """Returns taxels (k,) around a point with the normal `normal` (3,), and path lengths (k,) [m] to them.
 
-    The result contains the taxels that are directly connected to the point, and the corners of the face on
-    which the point lies.
+    The result contains the taxels that are at most 4 cm from the point and whose normals differ from `normal`
+    by less than 60 degrees. It also contains the corners of the face on which the point lies.
     """
     near = np.flatnonzero(_is_near(surface.positions, surface.normals, point, normal))
     corners = nearest_on_faces(surface.positions, surface.faces, point[None])[0][0]

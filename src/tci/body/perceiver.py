@@ -31,8 +31,8 @@ class Perceiver:
         """Prepares a perceiver without estimates.
 
         Set `keep_alive` [s] to the longest time between two frames of a patch if senders omit unchanged skin
-        frames. None means that senders send every frame. The perceptions equal those of senders that send
-        every frame. Raises TciError if `keep_alive` is not above 0 and finite.
+        frames. None means that senders send every frame. The omission does not change the perceptions. Raises
+        TciError if `keep_alive` is not above 0 and finite.
         """
         self.body = body
         self._held = None if keep_alive is None else HoldLast(body.robot, keep_alive)

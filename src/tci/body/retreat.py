@@ -33,7 +33,7 @@ EARLY = (0.01, 0.02)
 direction in which it does not end, because the joints accelerate differently. Assumed: these times are early
 enough to notice this."""
 SHARES = (0.25, 0.5, 0.75, 1.0)
-"""After the times EARLY, the path is predicted at these fractions of the motion's duration."""
+"""The path of a motion is also predicted at these fractions of its duration."""
 AHEAD = 0.1
 """In velocity mode, the target of a prediction is the posture that the velocity reaches after this time [s].
 Assumed: the next skin frame comes much sooner."""
@@ -55,7 +55,8 @@ class _Motion:
     """Transposed derivative d servo / d generic joint, if it is equal in all postures; else None."""
     bounds: Bounds
     outside: Array
-    """Coefficients (m, n_servos) of the servos of other parts in the couplings of this part."""
+    """Coefficients of other parts' servos in the m couplings that limit this part: (m, n_servos), with 0 for
+    this part's servos."""
     free: NDArray[np.bool_]
     """Mask (k,) of servos that may deviate from their target if a coupling forbids the target: here, all
     servos."""
@@ -108,17 +109,17 @@ class Retreat:
         driven: bool = False,
     ) -> Array:
         """Returns displacements (3, k, c) [m] of c contacts while `part` moves to `target` (n,) [rad]. The k
-        times are EARLY, then the fractions SHARES of the motion's duration.
+        times are shortly after the start (EARLY), then at fractions of the motion's duration (SHARES).
 
         Row 0 of the result is the displacement of the contact point along the inward normal, negative towards
         the object. Row 1 is the length of its displacement perpendicular to the normal. Row 2 is the largest
-        depth by which skin of any patch enters the object since the previous time. The depth at the start is
-        subtracted. The object is assumed to be a sphere of the radius OBJECT that touches the contact point
-        from outside, and that does not move. The motion starts at `position` (n_servos,) [rad]. In position
-        and impedance mode, all servos of the part arrive at the same time; in other modes, each servo moves
-        as fast as it can. If the part is `driven` by a velocity that its capability commands anew in each
-        period, the target is the present angles plus AHEAD times this velocity, and the servos move no
-        farther than they can in the time AHEAD. Raises UnknownNameError for an unknown part.
+        depth by which skin of any patch enters the object between the previous and this time, in addition to
+        its depth at the start. The object is assumed to be a sphere of the radius OBJECT that touches the
+        contact point from outside, and that does not move. The motion starts at `position` (n_servos,) [rad].
+        In position and impedance mode, all servos of the part arrive at the same time; in other modes, each
+        servo moves as fast as it can. `driven` is True for a capability that commands a velocity in each
+        period: `target` is then the posture that this velocity reaches after the time AHEAD, and the servos
+        move no farther than they can in this time. Raises UnknownNameError for an unknown part.
         """
         motion = self._motion(part)
         angles = self._angles(motion, position, target, mode, driven)
@@ -140,8 +141,9 @@ class Retreat:
         return self._displacements(angles, motion, contacts, 0.0)
 
     def _displacements(self, angles: Array, motion: _Motion, contacts: Contacts, radius: float) -> Array:
-        """Returns the displacement [m] of each of c contact points in k postures: (3, k, c) as in `along`, or
-        only its rows 0 and 1 (2, k, c) if `radius` is 0.
+        """Returns three rows (3, k, c) [m] for c contact points in k postures: the displacement along the
+        inward normal, its length perpendicular to the normal, and the largest depth by which skin enters the
+        touching object since the previous posture. If `radius` is 0, the third row is missing.
 
         The first row of `angles` (k + 1, n_servos) [rad] is the reference posture, from which displacements
         are measured; the other rows are the k postures. `radius` [m] is that of the touching objects.
@@ -187,10 +189,12 @@ class Retreat:
         return self._within(motion, position, np.minimum(np.maximum(goals, bounds.lower), bounds.upper))
 
     def _goal(self, motion: _Motion, position: Array, target: Array) -> list[float]:
-        """Returns the angles (k,) [rad] of a part's k servos at the end of a motion to `target` (n,) [rad].
+        """Returns the angles (k,) [rad] of a part's k servos at the end of a motion to `target` (n,) [rad],
+        the angles of its n generic joints.
 
-        The result is that of `_goals`. Lists of a few numbers are faster than arrays here: touches are rare,
-        so when a touch begins, the code of NumPy's functions is not in the processor's caches.
+        The function `_goals` does this for several targets. Lists of a few numbers are faster than arrays
+        here: touches are rare, so when a touch begins, the code of NumPy's functions is not in the
+        processor's caches.
         """
         ends = motion.joints.to_robot(target, position).tolist()
         goal = [min(max(end, least), most) for end, (least, most) in zip(ends, motion.limits, strict=True)]
@@ -199,7 +203,8 @@ class Retreat:
         return goal
 
     def _within(self, motion: _Motion, position: Array, goals: Array) -> Array:
-        """Returns `goals` (m, k) [rad], changed so that the couplings of the part's servos permit them."""
+        """Returns `goals` (m, k) [rad], the ends of m motions of k servos. A goal that a coupling forbids is
+        replaced by a permitted goal close to it."""
         bounds = motion.bounds
         if len(motion.outside):
             lower, upper = np.empty_like(bounds.coupling_lower), np.empty_like(bounds.coupling_upper)
@@ -215,8 +220,9 @@ class Retreat:
         mode drives the part towards `target` (n,) [rad]; None if this velocity of the servos can't be
         computed.
 
-        Near a singular posture of a shoulder, the servos move to other angles than those for `target`: the
-        servos keep a velocity, and a servo at its limit stands still while the other servos continue.
+        The servos keep the velocities that they have at the start, and a servo at its limit stops while the
+        other servos continue. So near a singular posture of a shoulder, the result differs much from the
+        angles for `target`.
         """
         joints, bounds = motion.joints, motion.bounds
         here = position[joints.servos]
@@ -254,7 +260,8 @@ class Retreat:
         return angles
 
     def _motions(self) -> dict[str, _Motion]:
-        """Returns the tables and planners of all parts, by part name, for the calling thread."""
+        """Returns the joints, bounds and planner of each part, by part name. Each thread has its own
+        planners."""
         own: dict[str, dict[str, _Motion]] = self._own.__dict__
         if "motions" not in own:
             own["motions"] = {part.name: _motion(self._robot, part.name) for part in self._robot.parts}
@@ -287,7 +294,7 @@ def _motion(robot: Robot, part: str) -> _Motion:
 
 
 def _velocity(joints: JointMap, bounds: Bounds, position: Array) -> list[float]:
-    """Returns the largest velocity (k,) [rad/s] of each servo with all servos at `position` (n_servos,)
-    [rad]."""
+    """Returns the largest permitted velocity (k,) [rad/s] of each of the k servos in `joints`, while the
+    robot's servos are at `position` (n_servos,) [rad]."""
     fastest: list[float] = np.minimum(bounds.velocity, joints.speeds(position)).tolist()
     return fastest

@@ -37,7 +37,8 @@ class PressureImage:
     pixel: float
     """Width and height [m] of the area on the skin that one pixel shows."""
     corner: tuple[float, float]
-    """Coordinates [m] of the image's lower left corner, in the plane of `places`."""
+    """Coordinates (to the right, up) [m] of the image's lower left corner, with the axes and origin of
+    `places`."""
     places: Array
     """Coordinates (taxels, 2) [m] of the taxels in the plane of the image: to the right, and up.
 
@@ -224,7 +225,7 @@ def _slips(contact: Contact, body: GenericBody, friction: float) -> bool:
 def _flattened(positions: Array, normals: Array) -> Array:
     """Returns the coordinates (n, 2) [m] of points (n, 3) in their mean plane, as seen from outside.
 
-    The first coordinate is along the longer side.
+    The first coordinate is along the direction in which the points are spread most widely.
     """
     centred = positions - positions.mean(axis=0)
     normal = normals.mean(axis=0)

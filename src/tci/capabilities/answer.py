@@ -1,4 +1,5 @@
-"""The force-distance model (eqs 5-7), in compiled functions for all contacts and receptive fields."""
+"""Finds the receptive field of each contact, and the gain of the response from the contact's force and
+distance (eqs 5-7), in a compiled loop."""
 
 from __future__ import annotations
 
@@ -42,12 +43,13 @@ class SiteNumbers(NamedTuple):
     part: tuple[str, ...]
     """Name of the generic part."""
     segment: NDArray[np.int64]
-    """Index of the segment in SEGMENTS; -1 for a segment that SEGMENTS lacks."""
+    """0 for the upper arm, 1 for the forearm, -1 if the site is on no segment of an arm."""
     merged: NDArray[np.int64]
-    """Number of the site's part, if touches on this part count as one touch (see `site_numbers`); -1 for all
-    other parts."""
+    """Number (p,) of the part, equal for all sites of the part, if touches on this part in one field count as
+    one; -1 if they do not."""
     limbs: tuple[str, ...]
-    """Names of the parts with a segment in SEGMENTS. Only on these parts can a field contain a contact."""
+    """Names of the parts with sites on an upper arm or a forearm. Only on these parts can a field contain a
+    contact."""
 
 
 @lru_cache(maxsize=64)
@@ -147,17 +149,14 @@ def find_answers(
 ) -> None:
     """Finds for each contact the nearest field that contains the contact, and the gain phi(F) psi(d).
 
-    Args:
-        fields: Table (8, m) of `field_table`.
-        cosine: True to use `psi_cosine` instead of `psi`.
-        segments: Indices (p,) of the sites' segments, see `SiteNumbers`.
-        merged: Numbers (p,) of the sites' parts, see `SiteNumbers`.
-        contacts: Arrays of c contacts.
-        beside: Index (c,) of a field that is excluded for each contact; -1 for none.
-        squares: Scratch array (m,).
-        nearest: Output (c,): index of the nearest field; -1 if the contact lies in no field.
-        gains: Output (c,): gain of this field, 0 to 1. Among contacts of one `merged` part with one nearest
-            field, only the strongest gain remains; of equal gains, the first.
+    Args: fields: Table (8, m) of the m fields, made by `field_table`. cosine: True to use `psi_cosine`
+        instead of `psi`. segments: Index (p,) of the limb segment of each patch (site) in `SEGMENTS`; -1 for
+        none. merged: Number (p,) of the part of each patch, if several contacts in one field count as one on
+        this part; -1 for all other parts. contacts: Arrays of c contacts. beside: Index (c,) of a field that
+        is excluded for each contact; -1 for none. squares: Scratch array (m,). nearest: Output (c,): index of
+        the nearest field; -1 if the contact lies in no field. gains: Output (c,): gain of this field, 0 to 1.
+        Among contacts of one `merged` part with one nearest field, only the strongest gain remains; of equal
+        gains, the first.
     """
     for c in range(len(contacts.site)):
         point = contacts.limb_point[c]

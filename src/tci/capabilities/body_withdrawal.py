@@ -56,8 +56,8 @@ class BodyWithdrawal(Capability[BodyMemory]):
     """`standing`: the legs carry the robot. `supported`: the robot hangs, sits or lies, so its legs carry no
     weight."""
     weight: float = 15.0
-    """Smallest force [N] on a sole at which TCI assumes that the leg carries the robot, for both values of
-    `stance`. Assumed: less than half the weight of the lightest robot, more than the force of a touch on a
+    """Smallest force [N] on a sole at which TCI assumes that the leg carries the robot, also if `stance` is
+    "supported". Assumed: less than half the weight of the lightest robot, more than the force of a touch on a
     sole."""
 
     margin: float = 0.01

@@ -136,7 +136,8 @@ class BodyField(Description):
 
     @property
     def motion(self) -> tuple[float, ...]:
-        """Base motion Theta_i (n,) [rad], one angle for each generic joint of the kind."""
+        """Base motion Theta_i (n,) [rad], with one angle for each of the n generic joints of a part of this
+        kind."""
         return tuple(radians(self.motion_deg.get(joint, 0.0)) for joint in BODY_JOINTS[self.kind])
 
 
@@ -253,8 +254,8 @@ def _read(path: str | Path) -> dict[str, Any]:
 
 
 def _structure_faults(raw: dict[str, Any], whole: type[Description], field: type[Description]) -> list[str]:
-    """Returns the faults of a file's content `raw`. `whole` is the type of the file, `field` the type of the
-    file's tables."""
+    """Returns the faults of a file's content `raw`. The file must match the class `whole`, and each receptive
+    field in the file the class `field`."""
     try:
         whole.model_validate(raw)
     except ValidationError as error:

@@ -27,8 +27,8 @@ OPPOSES = 2.0
 """Speed of the thumb's opposition as a multiple of the speed of flexions. Assumed: then the thumb lies across
 the palm before the fingers close."""
 LONGEST = 0.1
-"""From one perception to the next, the targets of the fingers move at most as far as in this time [s], so
-that the hand does not jump after a pause. Assumed: several periods of any skin."""
+"""Upper bound [s] on the time between two perceptions from which the next targets of the fingers are
+computed, so that the hand does not jump after a pause. Assumed: several periods of any skin."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +47,7 @@ class Grip:
     """Latest time [s] at which palm or fingers were touched, or at which the hand opened; -inf if there was
     no such time."""
     rested: float = -np.inf
-    """Latest time [s] at which no finger was pulled."""
+    """Latest time [s] without a pull at a finger; the hand opens `patience` [s] later."""
 
 
 Grips = Mapping[str, Grip]

@@ -45,7 +45,7 @@ class GestureMemory:
     stamp: float
     """Time of the latest step [s]."""
     reflex: Any
-    """Memory of the capability `PlayGesture.reflex`; None if there is none."""
+    """Memory of the reflex that may interrupt the gesture; None if there is no reflex."""
     interruptions: int
     """Number of interruptions by the reflex."""
 

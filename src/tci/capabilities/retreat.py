@@ -45,9 +45,9 @@ def why_not(
     part, into the touching object. The motion must not bring other skin into this object either;
     `Retreat.along` describes the assumed shape of the object. `answers` are the contacts to which the motion
     responds, as indices in `perception.contacts`. At least one of these contacts must move away from its
-    object, by `least` [m] or more. `mode` is the control mode of the motion. Set `driven` if the capability
-    commands a velocity anew in each period. `target` is then the posture that this velocity reaches after the
-    time `tci.body.retreat.AHEAD`.
+    object, by `least` [m] or more. `mode` is the control mode of the motion. Set `driven` if the motion is a
+    velocity that the capability commands anew in each period. `target` is then the posture that this velocity
+    reaches after 0.1 s (`tci.body.retreat.AHEAD`).
     """
     inwards, across, entered = body.retreat(perception, part, target, mode, driven=driven)
     if not inwards.size:
@@ -100,11 +100,9 @@ def _why_kept(contact: Contact, way: Sequence[float], across: Sequence[float], l
     """Returns the reason why a contact point does not move away from the object far enough or directly
     enough. The text is empty if the motion is permitted.
 
-    Args:
-        contact: The contact.
-        way: Displacement (k,) [m] away from the object at k points of the motion.
-        across: Displacement (k,) [m] tangential to the skin.
-        least: Least distance [m] at the end of the motion.
+    Args: contact: The contact. way: Displacement (k,) [m] away from the object at k points of the motion.
+        across: Displacement (k,) [m] tangential to the skin. least: Least displacement [m] away from the
+        object at the end of the motion.
     """
     if way[-1] < least:
         return (

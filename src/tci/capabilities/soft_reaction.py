@@ -28,7 +28,7 @@ NO_JOINT = "it has no joint on this robot"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Posture:
-    """Last posture of a part, and the posture that is commanded while the part is not touched."""
+    """Latest measured posture of a part, and its posture at the end of the last touch."""
 
     stamp: float
     """Time [s] of the last posture."""
@@ -81,8 +81,8 @@ class SoftReaction(Capability[Postures]):
         return {}
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Command, ...]:
-        """Returns the orders that switch those of `parts` that have a joint on this robot to the control mode
-        `mode`."""
+        """Returns one order for each of `parts`: to switch to the control mode `mode`. Parts without a joint
+        on this robot get no order."""
         return tuple(SwitchMode(part, self.mode) for part in self.parts if np.any(body.has_joint(part)))
 
     def step(

@@ -36,7 +36,7 @@ from tci.robot.generic_arm import JOINTS
 
 _find_answers = entry(find_answers)
 DISCOUNTS = ("linear", "cosine")
-"""Names of the two distance discounts: `discounts.psi` and `discounts.psi_cosine`."""
+"""Valid values of the setting `distance_discount`."""
 MODES = (Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE)
 """Control modes in which the reflex can run."""
 
@@ -78,7 +78,8 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     """Refractory time [s]: if no touch has caused a response for this time, the arm can withdraw again.
     Assumed: a hand that slides or shakes makes contact again in less time."""
     distance_discount: Literal["linear", "cosine"] = "linear"
-    """Form of psi in eq. 5: 1 - d / r, or cos^2(pi d / 2 r)."""
+    """Form of psi in eq. 5: 1 - d / r, or cos^2(pi d / 2 r), with the distance d from the field's centre and
+    the field's radius r."""
     mode: Mode = Mode.POSITION
     """Control mode of the arms. The target posture is equal in all three modes. In impedance mode the arms
     are soft: a touched arm first yields to the touch, and then withdraws."""
@@ -181,10 +182,9 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     def answer(self, contact: Contact) -> Answer | None:
         """Returns the response to one contact (eqs 5-7), or None if no field responds.
 
-        Of all `fields` that contain the contact, the field with the closest centre responds. If no field
-        contains the contact, the field of `surround` with the closest centre that contains the contact
-        responds. Only one field responds, since the sum of the responses of overlapping fields would not be
-        bounded.
+        Of all `fields` that contain the contact, the field with the closest centre responds. If there is no
+        such field, the closest field of `surround` that contains the contact responds. Only one field
+        responds, since the sum of the responses of overlapping fields would not be bounded.
         """
         return self.answers((contact,))[0]
 
@@ -202,8 +202,8 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     def _asking(self, memory: WithdrawalMemory, contacts: Contacts, numbers: SiteNumbers) -> frozenset[str]:
         """Returns the touched arms for which fields of `surround` may respond.
 
-        These are the arms at rest, and the arms that a field of `surround` already moves. `numbers` are the
-        properties of the contacts' sites.
+        These are the arms at rest, and the arms that a field of `surround` already moves. `numbers` contains
+        the part and the segment of each patch.
         """
         own = memory.motions
         asking = [p for p in numbers.limbs if p not in own or own[p].field.name in self._around]
@@ -220,10 +220,10 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     ) -> dict[str, list[Wish[ReceptiveField]]]:
         """Returns the requested responses (wishes) by part.
 
-        Each contact requests the response of one of `fields`: of those that contain the contact, the one with
-        the closest centre. A contact on a part in `around` also requests the responses of two fields of
-        `surround`, found in the same way, with higher ranks. `numbers` are the properties of the contacts'
-        sites.
+        Each contact requests the response of the field that contains it. If several of the `fields` contain
+        it, the field with the closest centre is used. A contact on one of the parts `around` also requests
+        the responses of the two closest fields of `surround` that contain it, which are tried later.
+        `numbers` are the properties of the contacts' patches.
         """
         wishes: dict[str, list[Wish[ReceptiveField]]] = {}
         felt, parts, count = touches(contacts), numbers.part, len(contacts)
@@ -248,7 +248,8 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     def _tables(self) -> list[tuple[tuple[int, ...], Sequence[ReceptiveField], Array]]:
         """Returns a row for `fields`, then a row for `surround`. A row without fields is left out.
 
-        A row contains the ranks of the responses (0 is tried first), the fields, and their `field_table`.
+        A row contains the ranks of its responses, the fields, and their `field_table`. A contact has at most
+        one response in `fields` (rank 0, tried first) and two in `surround` (ranks 1 and 2).
         """
         sets = ((0,), self.fields), ((1, 2), self.surround or ())
         return [(ranks, fields, field_table(fields)) for ranks, fields in sets if fields]

@@ -64,16 +64,16 @@ class Withdrawal(Generic[F]):
     quiet: bool = False
     """True if no field of this part was touched in the latest step."""
     met: frozenset[int] = frozenset()
-    """Identities of the contacts that have been compared with the motion. The motion presses into none of
-    them."""
+    """Identities of the contacts against which the motion was checked: it presses no skin into their touching
+    objects."""
     ended: Array | None = None
     """Generic posture (n,) [rad] at which the motion was ended because of an object on the path. The value is
     None if the motion was not ended."""
 
     @property
     def target(self) -> Array:
-        """Target posture (n,) [rad]: `ended` if the motion was ended, otherwise `origin` + `gain` * base
-        motion."""
+        """Target posture (n,) [rad]: `origin` + `gain` * base motion, or the posture `ended` if an object
+        ended the motion."""
         if self.ended is not None:
             return self.ended
         ways = zip(

@@ -164,9 +164,10 @@ def _begin(
     met: frozenset[int],
     mode: Mode,
 ) -> tuple[Withdrawal[F] | None, str]:
-    """Starts the motion of the first permitted wish. The wishes are tried in the order of their ranks, and
-    those of one rank from the largest gain to the smallest. If no wish is permitted, returns None and the
-    reason for which the first wish is refused."""
+    """Returns the withdrawal that executes the first permitted response in `wishes`. The responses are tried
+    in the order of their ranks, and those of one rank from the largest gain to the smallest. If none is
+    permitted, returns None and the reason for which the first is refused (empty if the posture is unknown).
+    """
     posture, first = perception.posture[part], ""
     if not all(map(isfinite, posture.tolist())):
         return None, ""

@@ -69,9 +69,9 @@ def demo(
     command prints a table of measurements, draws the measurements in OUT/demo.png, and writes all numbers to
     OUT/report.json.
 
-    --fault pokes one robot once, injects the named fault, and prints each event immediately. --via tests a
-    middleware: this process serves the simulated robot in real time, as tci serve does, and another process
-    runs the reflex.
+    --fault NAME@TIME pokes one robot once, injects the named fault at this time in seconds, and prints each
+    event immediately. --via tests a middleware: this process serves the simulated robot in real time, as tci
+    serve does, and another process runs the reflex.
 
     Example:  tci demo nao --out /path/to/folder
 

@@ -42,7 +42,7 @@ NEXT = {
     "zenoh secure": "tci zenoh router keys/router.json5",
     "zenoh router": "tci serve nao --via zenoh",
 }
-"""Maps each command that the user has tried to the command to try next."""
+"""Command to try next, by the name of the command that the user has run."""
 
 
 def next_command(after: str) -> str:

@@ -172,7 +172,8 @@ def _both(arms: str | None) -> tuple[str, str] | None:
 
 
 def _direction(elbow: int | None) -> Sign | None:
-    """Returns the direction in the option --elbow. Raises CommandError if the direction is 0."""
+    """Returns the bending direction of the left elbow, 1 or -1, from the option --elbow; None without this
+    option. Raises CommandError if the direction is 0."""
     if elbow == 0:
         raise CommandError("--elbow 0; valid: 1 or -1")
     return None if elbow is None else 1 if elbow > 0 else -1

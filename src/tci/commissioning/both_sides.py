@@ -15,13 +15,12 @@ UNEVEN = np.deg2rad(5.0)
 """Largest difference [rad] at which a generic limit or angle counts as equal on the left and the right side.
 Assumed: larger than the differences between the two arms of real robots."""
 ROUNDED = 0.06
-"""If the number of degrees of an angle on one side of the robot differs from the number of radians of the
-angle on the other side by less than this value, the former counts as written in radians by mistake. Assumed:
-numbers may be rounded to one decimal."""
+"""An angle counts as written in radians by mistake if its value in degrees differs by less than this number
+from the other side's angle in radians. Assumed: numbers may be rounded to one decimal."""
 NEARLY = 0.1
-"""Used in place of ROUNDED if the angles of the two sides differ by at most UNEVEN. In this case the smaller
-number in the file counts as radians if its difference from the larger angle [rad] is at most this fraction of
-the smaller number. Assumed: more than the error of rounding to two digits."""
+"""Stricter limit in place of `ROUNDED`, for small angles that differ by at most 5 degrees (`UNEVEN`) between
+the two sides. The smaller number in the file counts as radians if it differs from the other side's angle
+[rad] by at most this fraction of itself. Assumed: more than the error of rounding to two digits."""
 TINY = 0.5 * np.pi
 """Number of degrees below which an angle counts as written in radians, if the part has no other side.
 Assumed: nobody turns a head or a torso by less than 1.6 degrees, or by more than 90 degrees (1.6 rad)."""

@@ -26,8 +26,8 @@ MOST = float(np.deg2rad(2.0))
 cause harm."""
 STEPS = np.deg2rad([0.03, 0.1, 0.3, 1.0, 1.8])
 """Successive displacements [rad] of a servo from its start. The first displacement is so small that the
-motion stays below MOST even if a wrong unit (degrees used as radians) makes the motion 57 times larger. The
-last displacement is smaller than MOST, since the servo may overshoot."""
+motion stays below the permitted 2 degrees even if a wrong unit (degrees used as radians) makes the motion 57
+times larger. The last displacement is below 2 degrees too, since the servo may overshoot."""
 SPEED = float(np.deg2rad(4.0))
 """Speed [rad/s] of the motions, 2 degrees in half a second. Assumed: slow enough that the operator can watch
 the motion."""
@@ -108,9 +108,9 @@ class ServoCheck:
         return _verdict(self.driver.robot, servo, way * moved, reason, noise, seen)
 
     def _out(self, servo: Servo, start: Array, way: float, noise: float) -> tuple[Array, Reason | None]:
-        """Moves a servo away from its angle in `start`, by each displacement of STEPS in turn. `way` (1 or
-        -1) is the direction of the motion. Returns the total motion (n,) [rad] of all servos, and the reason
-        for an early end. The reason is None if all steps were executed.
+        """Moves a servo away from its angle in `start` (n,) [rad] in several steps, each farther from this
+        angle. `way` (1 or -1) is the direction of the motion. Returns the total motion (n,) [rad] of all
+        servos, and the reason for an early end. The reason is None if all steps were executed.
         """
         moved = np.zeros(len(start))
         here = start[servo.index]
@@ -199,8 +199,8 @@ class ServoCheck:
         return None
 
     def _at_rest(self) -> tuple[Array, float]:
-        """Returns the mean angles (n,) [rad] of the servos at rest during the time SETTLE, and the noise
-        [rad] of the encoders."""
+        """Returns the mean angles (n,) [rad] of the servos at rest, and three times the standard deviation
+        [rad] of the noisiest encoder (at least 0.01 degrees)."""
         samples = [self.driver.read().joints.position for _ in self.driver.ticks(duration=SETTLE)]
         noise = float(np.std(samples, axis=0).max()) * 3.0
         return np.mean(samples, axis=0), max(noise, float(np.deg2rad(0.01)))

@@ -19,8 +19,8 @@ class Operator(Protocol):
         the question."""
 
     def still(self, what: str) -> bool:
-        """Asks if anything moved visibly after a command that is too small to see, which `what` describes.
-        Returns True if the operator saw no motion."""
+        """Asks if anything moved visibly after a command for a motion too small to see. `what` describes this
+        command. Returns True if the operator saw no motion."""
 
     def press(self, patch: str, taxel: int, where: str) -> bool:
         """Asks the operator to press a taxel and to keep pressing. Returns False if the operator skips this

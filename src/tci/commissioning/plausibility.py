@@ -28,8 +28,8 @@ MIDDLE = {"pitch": (0.0, 1.0, 0.0), "roll": (1.0, 0.0, 0.0), "yaw": (0.0, 0.0, 1
 positive."""
 CONTRARY = -0.5
 """If the cosine of the angle between the axis of a robot's joint and the axis of its generic joint is below
-this value, the sign of the joint counts as wrong. Assumed: axes of hips and necks may be slanted by 30
-degrees, but not by 60 degrees."""
+this value, the sign of the joint counts as wrong. Assumed: apart from the sign, the two axes differ by less
+than 60 degrees."""
 BEYOND = np.deg2rad(1.0)
 """Largest angle [rad] by which a limit in the description may exceed the limit in the model. Assumed: larger
 than the error of rounding to degrees."""

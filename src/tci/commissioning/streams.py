@@ -61,7 +61,7 @@ class Observation:
     streams: tuple[Stream, ...]
     """Statistics of the joints, then statistics of the patches in the order of the description."""
     readings: tuple[Reading, ...]
-    """At most HISTORY readings at equal intervals, the newest last."""
+    """At most 50 readings (HISTORY) at equal intervals, the newest last."""
     cost: Array
     """Duration (n,) [s] of each call of `read`, on this machine's clock."""
 

@@ -66,10 +66,10 @@ class DriverInfo:
         about: Mapping[str, str] | None = None,
         recorded: bool = False,
     ) -> Self:
-        """Returns the facts about a connection over `middleware`, with a new gate. `settings` are the
-        settings of the gate. `period` [s] is the time between two commands, by default the value in the
-        robot's binding (the description's settings for this middleware). By default, `lease_name` consists of
-        the names of middleware and robot.
+        """Returns the facts about a connection over `middleware`. They contain a new gate for this
+        connection. `settings` are the settings of the gate. `period` [s] is the time between two commands, by
+        default the value in the robot's binding (the description's settings for this middleware). By default,
+        `lease_name` consists of the names of middleware and robot.
 
         Raises UnknownNameError if the robot has no binding to the middleware.
         """

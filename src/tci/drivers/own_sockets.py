@@ -74,8 +74,8 @@ class OwnSocket:
         return int.from_bytes(data.raw[2:4], "big")
 
     def end(self) -> None:
-        """Shuts the connection down, also for the library's own descriptor. Raises OSError if the socket has
-        no connection."""
+        """Shuts down the socket's connection. The library can then no longer use the connection either.
+        Raises OSError if the socket has no connection."""
         _checked(_C.shutdown(self._descriptor, socket.SHUT_RDWR))
 
 
@@ -133,8 +133,8 @@ class ConnectionMonitor:
         threading.Thread(target=self._keep_checking, name=f"connections to {port}", daemon=True).start()
 
     def check(self) -> None:
-        """Closes connections if there are too many, unverified connections first. Also closes each connection
-        that has been unverified for too long."""
+        """Closes connections if there are too many, first those that have not sent a byte yet. Also closes
+        each connection that has not sent a byte within its first seconds."""
         now, going = time.monotonic(), set[str]()
         found = [_connection(partial(going.add, one.name), one, now) for one in self._connections()]
         for connection in surplus(found, now, self._most):

@@ -50,8 +50,8 @@ class PartialGate(Gate):
         return super().step(kept, joints, now, refused=why)
 
     def _refusal(self, order: PlatformOrder) -> Reason | None:
-        """Returns the reason to refuse an order that moves a servo in `unreached`, or None if the order moves
-        no such servo."""
+        """Returns the reason to refuse an order if it moves a servo that the connection can't move. Otherwise
+        returns None."""
         for servo, why in self._unreached.items():
             if servo in order.servos:
                 return Reason(Code.ROBOT_REFUSES, f"{self.robot.servos[servo].name} can't be moved: {why}")

@@ -22,8 +22,8 @@ FASTEST = 10_000.0
 """Highest rate [Hz] of commands that can be set. Assumed: ten times the rate of the fastest robots'
 controllers."""
 LATE = 0.1
-"""Longest delay [s] that a simulation with `paced` makes up for by running faster than real time. Assumed: if
-it made up for a longer delay, the robot would seem to jump."""
+"""Longest delay [s] after which a simulation in real time (`paced`) catches up by running faster. Assumed: if
+it caught up after a longer delay, the robot would seem to jump."""
 
 
 class WorldClock:

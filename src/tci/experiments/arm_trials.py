@@ -36,9 +36,10 @@ class ArmTrial:
     """Force [N] with which the simulated finger would press an arm that does not move."""
     answered: bool
     """True if the reflex commanded this arm and no other part, and the arm's skin moved away from the finger
-    by at least AWAY [mm]."""
+    by at least 1 mm (`AWAY`)."""
     towards: bool
-    """True if the skin moved towards the finger by at least AWAY [mm] at any time after the first command."""
+    """True if, at any time after the first command, the skin had moved at least 1 mm (`AWAY`) towards the
+    finger since this command."""
     reason: str
     """Reason why the arm did not move. The text is empty if the reflex gave no reason."""
 
@@ -77,7 +78,7 @@ def arm_trials_of(robot: Robot, reflex: WithdrawalReflex, *, count: int, seed: i
 
 def _moved(trace: Trace) -> np.ndarray:
     """Returns the distance (k,) [mm] by which the skin has moved away from the finger since the first
-    command."""
+    command, in each of the k periods from then on. Without a command, returns one 0."""
     if not trace.commanded:
         return np.zeros(1)
     away = np.array(trace.away)[np.array(trace.time) >= trace.commanded[0][0]]

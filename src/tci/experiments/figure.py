@@ -47,7 +47,7 @@ class Panel:
     close_up: NDArray[np.uint8] | None = None
     """Close-up (h, w, 3) that is drawn over the emptiest corner of the panel. None means no close-up."""
     spot: tuple[float, float] | None = None
-    """Pixel (x, y) of a circle that marks the point shown in the close-up."""
+    """Centre (x, y) [pixels] of a circle that marks the point shown in the close-up. None means no circle."""
     arrow: tuple[tuple[float, float], tuple[float, float]] | None = None
     """Start and end (x, y) [pixels] of an arrow that shows a displacement."""
 

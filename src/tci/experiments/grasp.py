@@ -42,7 +42,7 @@ class Grasp:
     """Mean force [N] that the skin of each finger measures while the hand grasps the ball, by finger. Fingers
     without force are not included."""
     peak: float
-    """Largest force [N] on a finger before the pull."""
+    """Largest force [N] on a finger before the ball is pulled out of the hand."""
     opened: bool
     """True if the hand opened when the ball was pulled."""
     refused: tuple[str, ...]

@@ -17,8 +17,8 @@ period."""
 
 AWAY = 1.0
 """Least displacement [mm] of the skin along its inward normal that counts as a withdrawal. The displacement
-is measured relative to the trial without reflex. Assumed: larger than the displacement of a servo that yields
-to the finger."""
+is measured relative to the trial without reflex. Assumed: servos that only yield to the finger move the skin
+by less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class Trial:
     """Largest contact force [N] in the physics simulation."""
     cop_error_mm: float | None
     """Distance [mm] along the skin between TCI's centre of pressure and the contact point of the physics
-    simulation, in the skin frame with the largest force."""
+    simulation, at the time of the largest force. None if TCI found no contact."""
     withdrawn_mm: float
     """Displacement [mm] of the skin along its inward normal, at the centre of the receptive field, at the end
     of the trial."""

@@ -33,8 +33,8 @@ RANGE = np.deg2rad([[-10, 95], [0, 75], [-30, 65], [15, 90], [-60, 60]])
 """Range [rad] of each generic angle in the random postures for `compare_axes`, one row for each joint from
 shoulder to pronation. Assumed: most humanoid arms can reach these angles."""
 POSTURES = 400
-"""Number of random postures in which axes are compared. Assumed: this number is sufficient for five joints,
-and the comparison takes less than one second."""
+"""Number of random postures in which the axes of a robot's arm are compared with those of the generic arm.
+Assumed: this number is sufficient for five joints, and the comparison takes less than one second."""
 LEAST_SHARE = 0.25
 """Least fraction of the random postures that must be within the servos' limits. Assumed: with a wrong sign or
 offset, a far smaller fraction is within the limits."""
@@ -57,7 +57,7 @@ class Axes:
 
     part: str
     within_limits: int
-    """Number of the random postures that are within the servos' limits; POSTURES were tried."""
+    """Number of the tried random postures that are within the servos' limits."""
     worst_deg: float
     """Largest angle [degrees] between an axis of the robot's arm and the corresponding axis of the generic
     arm, in all postures within the limits."""

@@ -166,7 +166,7 @@ class Trial:
     """Base class of trials. The control loop calls the methods."""
 
     def begin(self, now: float) -> None:
-        """Begins the trial at `now` [s]. At this time the reflex is ready."""
+        """Begins the trial at `now` [s], after the reflex has become ready."""
         raise NotImplementedError
 
     def see(self, tick: Tick) -> None:

@@ -31,14 +31,15 @@ class SameStimulus:
     """Differences between the responses of several robots to one stimulus."""
 
     max_generic_difference_rad: float
-    """Largest difference [rad] between the generic targets of two robots, over all sites, sides and
-    frames."""
+    """Largest difference [rad] between the generic targets of two robots, over all touched receptive fields,
+    both arms and all forces of the touch."""
     hand_direction_deg: dict[str, float]
-    """Largest angle [degrees] between the displacements of two robots' hands, by site. Displacements are
-    relative to the shoulder, where the upper arm begins, in the axes of the arm's mount frame."""
+    """Largest angle [degrees] between the displacements of two robots' hands, by name of the touched
+    receptive field. Displacements are relative to the shoulder, where the upper arm begins, in the axes of
+    the arm's mount frame."""
     hand_direction_torso_deg: dict[str, float]
-    """Largest angle [degrees] between the displacements of two robots' hands, by site. Displacements are
-    relative to the torso and include the motion of the shoulder."""
+    """Largest angle [degrees] between the displacements of two robots' hands, by name of the touched
+    receptive field. Displacements are relative to the torso and include the motion of the shoulder."""
 
 
 def same_stimulus(bodies: Sequence[GenericBody], fields: Sequence[ReceptiveField]) -> SameStimulus:

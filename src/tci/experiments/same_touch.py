@@ -59,8 +59,8 @@ class SameTouch:
     gain: float
     """Median of the reflex's gains. The gain is 0 for a touch to which the reflex does not respond."""
     heavy: bool
-    """True if the peak pressure of the touch corresponds to at least FELT counts on every skin. A skin can't
-    detect a touch with fewer counts."""
+    """True if every skin can detect the touch: the peak pressure corresponds to at least 2 counts on every
+    skin."""
 
 
 def same_touch(
@@ -162,8 +162,8 @@ class Arm:
         return bool(apart[nearest] <= 0.75 * np.sqrt(self._sleeves[place[0]][4][nearest]))
 
     def pressure(self, place: Place, radius: float) -> tuple[Place, Array]:
-        """Returns `place`, and the mean pressure (taxels,) [Pa per N] that a touch at `place` causes on each
-        taxel. `radius` [m] is the radius of the touch."""
+        """Returns two arguments for `touch`: `place`, and the mean pressure (taxels,) [Pa per N] that a touch
+        at `place` causes on each taxel. `radius` [m] is the radius of the touch."""
         along, across = self._offsets(place)
         sizes, sigma = np.sqrt(self._sleeves[place[0]][4] / np.pi), radius / 1.5
         result = np.zeros(len(along))

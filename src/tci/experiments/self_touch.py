@@ -37,8 +37,8 @@ SHARE = 0.3
 """Raw value of a pressed taxel, as a fraction of the sensor's range. Assumed: the value does not affect the
 result, since only the set of pressed taxels is used."""
 ENCODER = np.deg2rad(0.1)
-"""Standard deviation [rad] of the error of the measured angles. Assumed: the backlash of the joints of such
-robots."""
+"""Standard deviation [rad] of the error of the measured angles. Assumed: the backlash of a humanoid's joints
+has this size."""
 NEAR = 0.0005
 """Largest distance [m] between the two touching points for which a posture is accepted."""
 TRIES = 30
@@ -64,7 +64,8 @@ class _Places(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundMount:
-    """Estimated mount of a patch in simulation, where the true mount is known."""
+    """Correction of a patch's pose on its link, estimated from touches in simulation, where the true pose is
+    known."""
 
     mount: Mount
     before: float
@@ -177,7 +178,7 @@ def _posture(body: GenericBody, patch: str, random: np.random.Generator) -> tupl
 
 def _apart(angles: Array, chain: KinematicChain, home: Array, moving: list[int], places: _Places) -> Array:
     """Returns the residuals (6,) of a touch of two taxels: the vector [m] between the touching points, and
-    the sum of the normals times FACING. All are 0 in an ideal touch."""
+    the sum of the two unit normals times the weight FACING [m]. All are 0 in an ideal touch."""
     position = home.copy()
     position[moving] = angles
     own, a, other, b = places

@@ -49,7 +49,7 @@ class DenavitHartenberg:
     base: Array
     """Pose (4, 4) of the table's first frame, in the torso frame."""
     tool: Array
-    """Pose (4, 4) of the link, in the table's last frame."""
+    """Pose (4, 4) of the link at the end of the chain, in the table's last frame."""
 
     def pose(self, position: Array) -> Array:
         """Returns the pose `T_TL` (4, 4) of the link in the torso frame, with the servos at `position`

@@ -36,7 +36,8 @@ class GenericLimits(Description):
     """Lower limit [rad], or None if a servo's limit is unknown, if no servo moves the joint, or if the limit
     depends on the angles of other joints."""
     upper: float | None
-    """Upper limit [rad], or None for one of the reasons that are given for `lower`."""
+    """Upper limit [rad], or None if a servo's limit is unknown, if no servo moves the joint, or if the limit
+    depends on the angles of other joints."""
 
 
 class DHRow(Description):

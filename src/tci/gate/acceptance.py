@@ -123,8 +123,8 @@ def is_likely_degrees(values: Array, wrong: NDArray[np.bool_] | None = None) -> 
 
 def refuse_far(robot: Robot, command: PlatformCommand) -> NoReturn:
     """Raises CommandError for a command with angles that are far outside their limits. The message asks
-    whether the angles were given in degrees, unless exactly one wrong angle exceeds a full turn and at least
-    two other angles are not 0."""
+    whether the angles were given in degrees. Exception: if exactly one wrong angle exceeds a full turn and at
+    least two other angles are not 0, degrees are unlikely, and the message does not ask."""
     servos = [robot.servos[servo] for servo in command.servos]
     names = [servo.name for servo in servos]
     lower, upper = np.array([(servo.limits.lower, servo.limits.upper) for servo in servos]).T

@@ -73,7 +73,8 @@ class BodyGuard:
     def _fault_of_path(
         self, index: NDArray[np.intp], stop: StopTrajectory, others: Sequence[JointGroup], measured: Array
     ) -> Reason | None:
-        """Checks the stops point by point. Arguments and result are those of `fault`."""
+        """Returns the reason why the servos `index` must not take their next step, found by checking the
+        planned stops point by point; None if they may."""
         reference, deviation = np.array(measured), np.zeros(len(measured))
         reference[index] = stop.here
         deviation[index] = measured[index] - stop.here

@@ -30,14 +30,14 @@ class CommandedGroups:
     """Joint groups under command, by group number. A servo joins its group at its measured position."""
 
     def __init__(self, robot: Robot, *, period: float, settings: GateSettings) -> None:
-        """Starts with no groups under command; `period` [s] is the period of the control loop. Raises the
-        errors that SelfCollision raises."""
+        """Starts with no groups under command; `period` [s] is the period of the control loop. Raises
+        TciError if the robot can't be checked for self-collision."""
         self._robot, self._period, self._settings = robot, period, settings
         self._group_of = groups_of(robot)
         self._chains: dict[int, JointGroup] = {}
         self.chains: list[JointGroup]
-        """All groups, in the order in which `reference` lists their servos. When a group changes, a new list
-        replaces this list."""
+        """All groups. The method `reference` returns the servos in the order of this list. When a group
+        changes, a new list replaces this list."""
         self.count: int
         """Number of servos that the groups move."""
         self._found: dict[bytes, tuple[Mode, list[JointGroup]]] = {}
@@ -172,7 +172,7 @@ class CommandedGroups:
         return chain
 
     def _guard(self, group: int, servos: Sequence[int]) -> Guard:
-        """Returns the function that checks the stops of a group's `servos` for self-collision."""
+        """Returns a function that checks if a planned stop of a group's `servos` causes a self-collision."""
         index = np.array(servos)
 
         def fault(stop: StopTrajectory) -> Reason | None:

@@ -15,11 +15,13 @@ FADE = 0.01
 begins when the data is too old to be fully trusted. Assumed: in this time, a light joint under its full
 torque gains a third of its speed limit."""
 USUAL = 1.5
-"""Data is fully trusted up to an age of USUAL times the mean age at which newer data arrives, plus one
-control period; but never above LONGEST. Assumed: the factor covers the jitter of the age."""
+"""Data is fully trusted up to this many times the mean age that it reaches before newer data arrives, plus
+one control period. Data older than `LONGEST` is never fully trusted. Assumed: the factor covers the jitter of
+the age."""
 SHARE = 0.1
-"""Weight of the newest value in the running mean of the age [s] at which newer data arrives. Assumed: a
-larger weight adapts faster to a slower network; a smaller weight is less affected by single delays."""
+"""Weight of the newest value in a running mean of ages [s]. Each value is the age of the latest joint data at
+the arrival of newer data. Assumed: a larger weight adapts faster to a slower network; a smaller weight is
+less affected by single delays."""
 
 
 class Freshness:
@@ -65,7 +67,8 @@ class Freshness:
         return max(age, 0.0) if -self._period <= age < math.inf else math.inf
 
     def trust(self, age: float) -> float:
-        """Returns the trust (0..1) in data of an `age` [s]. The trust is 0 at ages above LONGEST + FADE. The
-        more often data usually arrives, the smaller is the age at which the trust becomes 0."""
+        """Returns the trust (0..1) in data of an `age` [s]. The trust is 0 at any age above 0.03 s (`LONGEST`
+        + `FADE`). The more often data usually arrives, the smaller is the age at which the trust becomes 0.
+        """
         counts = min(self._period + USUAL * self._usual, LONGEST)
         return min(max(1.0 - (age - counts) / FADE, 0.0), 1.0)

@@ -40,11 +40,12 @@ EARLY = 0.05
 """Fraction of a period by which a call of `step` may come before the planned time of the step. Assumed:
 larger than the jitter of timers."""
 CATCH_UP = 0.5
-"""Fraction of a period by which calls of `step` may come too early after a late call. Assumed: larger than
-the jitter of timers, and small enough to prevent several steps at once."""
+"""After a late call of `step`, the next call may come sooner than one period later, by up to this fraction of
+a period. Assumed: larger than the jitter of timers, and small enough to prevent several steps at once."""
 STEADY = 0.1
-"""If the delays of two late calls of `step` differ by less than this fraction, the gate reports that the loop
-runs at another rate. Assumed: on a busy machine, two delays differ by a larger fraction."""
+"""Largest relative difference at which two successive intervals between calls of `step` count as equal. If
+two equal intervals are too long, the gate reports that the loop runs at another rate. Assumed: on a busy
+machine, two long intervals differ more."""
 SHARES = (Mode.STIFFNESS, Mode.DAMPING)
 _log = logging.getLogger("tci")
 
@@ -143,8 +144,8 @@ class Gate:
             self._tally.stops += 1
 
     def hold(self, reason: Reason | str | None) -> None:
-        """Stops the robot in the next step, for a reason that the control loop detects: missed periods, or a
-        process that sends nothing.
+        """Holds the robot in the next step (state HOLD), for a reason that the control loop or the driver
+        detects, such as missed periods.
 
         If `reason` is None or an empty text, nothing changes. If there are several reasons, the latest reason
         is reported.

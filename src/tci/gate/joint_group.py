@@ -40,16 +40,16 @@ class JointGroup:
     limiter: OnlineTrajectory
     """Trajectory of these servos."""
     bounds: Bounds
-    """Bounds of these servos. The bounds of the couplings are those for servos outside the group at zero;
-    `ends` contains the present bounds."""
+    """Bounds of these servos. The bounds of the couplings assume that all servos outside the group are at
+    zero; `ends` contains the bounds for the present angles."""
     outside: NDArray[np.float64]
     """Coefficients (m, n_servos) of the servos outside the group, for couplings that contain a servo of the
     group."""
     ends: Array
-    """Present bounds (2, m) of the couplings, which depend on the angles of the servos outside the group. The
-    trajectory uses this array too, so the array is changed in place."""
+    """Present lower and upper bounds (2, m) [rad] of the couplings. The bounds depend on the angles of the
+    servos outside the group. The trajectory uses this array too, so the array is changed in place."""
     leans: bool
-    """True if a servo outside the group shifts the bounds of a coupling."""
+    """True if a coupling of the group also contains a servo outside the group."""
     arrays: tuple[NDArray[Any], ...]
     """Arrays that `kernels.targets.take_targets` reads and changes."""
 
@@ -66,8 +66,8 @@ class JointGroup:
         `speeds` (k,) [rad/s] are the largest speeds of the motion. Writes the targets into `sent` (k,) [rad],
         and returns the largest distance [rad] of a target from the requested angle. `box` (2, n_servos) [rad]
         contains the limits of all servos. If the command must be refused, changes nothing and returns one of
-        the codes INVALID and FAR_OFF of `kernels.targets`. `servos`, `values` and `speeds` must be the arrays
-        of a command that `is_usual` accepts.
+        the codes INVALID and FAR_OFF of `kernels.targets`. `servos` must have the type np.intp, `values` and
+        `speeds` the type np.float64, because a compiled loop reads them.
         """
         limiter = self.limiter
         farthest: float = _take_targets((servos, values, speeds), box, FAR_OFF, SLOWEST, self.arrays, sent)

@@ -34,7 +34,7 @@ from tci.robot.description import Robot
 _judge_reading = entry(judge_reading)
 JUDGED = (Mode.POSITION, Mode.VELOCITY)
 """Modes in which the measured motion must follow the reference. In other modes a joint may yield to forces,
-so the monitor compares the joint's angle with its velocity and torque instead."""
+so the monitor checks instead that the measured angle agrees with the measured velocity and the torque."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +222,8 @@ class JointMonitor:
         return Reason(Code.ENCODER_FROZEN, words)
 
     def _misled_by(self, found: int, reference: Reference) -> Reason:
-        """Returns the reason to stop for an angle that contradicts the measured velocities or the torques."""
+        """Returns the reason to stop if a servo's angle contradicts its measured velocity (`found` is
+        DISAGREES) or its torque (DEAF)."""
         self.misled = True
         name, way = self._names[reference.servos[int(self._worst[0])]], np.rad2deg(self._worst[1])
         if found == DISAGREES:
@@ -234,7 +235,8 @@ class JointMonitor:
         return Reason(Code.ENCODER_FROZEN, words)
 
     def _sort(self, modes: tuple[Mode, ...]) -> None:
-        """Stores two flags for each servo (k,): compared with its reference, and in torque mode."""
+        """Stores two flags for each servo (2, k): True if it is compared with its reference, and True if it
+        is in torque mode."""
         self._modes = modes
         self._kinds = np.array(
             [[mode in JUDGED for mode in modes], [mode is Mode.TORQUE for mode in modes]], dtype=bool

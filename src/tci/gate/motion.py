@@ -86,13 +86,14 @@ class Motion:
 
     @property
     def targets(self) -> Array:
-        """Targets [rad] of the servos under command, in the order of `reference`."""
+        """Targets (k,) [rad] of the servos under command, those in torque mode last. The target of a servo in
+        torque mode is its measured position."""
         targets = [chain.limiter.target for chain in self.groups.chains]
         return np.concatenate([*targets, self.groups.measured[self._torque.servos]])
 
     def ahead(self, time: float) -> Array:
         """Returns the positions (k,) [rad] that the servos under command will have after `time` [s]. The
-        order is that of `reference`."""
+        order is that of `reference`: servos in torque mode come last, with their measured positions."""
         planned = [chain.limiter.ahead(time) for chain in self.groups.chains]
         return np.concatenate([*planned, self.groups.measured[self._torque.servos]])
 
@@ -197,7 +198,8 @@ class Motion:
         return near
 
     def torques(self, now: float, *, due: bool) -> Array:
-        """Returns the torque (k,) [N m] of each servo of `reference` at `now` [s].
+        """Returns the torques (k,) [N m] of the servos under command at `now` [s], in the order of
+        `reference`.
 
         The torque is 0 for servos that are off and for servos in another mode than torque mode. If no step is
         `due`, the torques do not change, except that they become smaller as joint data grows old.

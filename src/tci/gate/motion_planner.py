@@ -24,8 +24,8 @@ class MotionPlanner:
     __slots__ = ("_input", "_otg", "_output", "ended")
 
     def __init__(self, count: int, period: float) -> None:
-        """Plans for `count` servos. One step takes `period` [s]. Before the first step, call all functions
-        that set inputs."""
+        """Plans for `count` servos. One step takes `period` [s]. Before the first step, call `set_state`,
+        `set_limits`, `set_driven` and, if a servo moves to a target, `set_targets`."""
         self._otg = Ruckig(count, period)
         self._input, self._output = InputParameter(count), OutputParameter(count)
         self.ended = False

@@ -33,8 +33,8 @@ SIGHT = 1.0
 """Upper bound [m] on measured distances: this value also stands for every larger distance between two links.
 Assumed: no link moves this far in one period."""
 STRIDE = 0.002
-"""Largest motion [m] of a link between two checked points of a path. Assumed: less than half of the
-margin."""
+"""Largest motion [m] of a link between two checked points of a path. Assumed: less than half of MARGIN, the
+default distance that links must keep."""
 PATIENCE = 16
 """Distances are measured once and stored. If the stored distances have not sufficed to exclude a collision in
 this number of successive checks, the distances are measured again. Assumed: one measurement takes as long as
@@ -47,7 +47,7 @@ _come_near, _follow, _stand = entry(come_near), entry(follow), entry(stand)
 
 @lru_cache(maxsize=8)
 def _solids(robot: Robot) -> Solids:
-    """Returns the solids of a robot, which all gates of this robot share and can't change."""
+    """Returns the joints and shapes of a robot, as read-only arrays that all gates of this robot share."""
     return Solids.of(Clearance(robot))
 
 
@@ -58,8 +58,8 @@ class SelfCollision:
     def __init__(self, robot: Robot, *, margin: float = MARGIN) -> None:
         """Reads the robot's solids; links must keep `margin` [m] apart.
 
-        Raises TciError if `margin` is negative or not below WIDEST. Also raises the errors that Clearance and
-        Solids raise.
+        Raises TciError if `margin` is negative or too large (`WIDEST` or more). Also raises the errors that
+        Clearance and Solids raise.
         """
         if not 0.0 <= margin < WIDEST:
             raise TciError(f"margin {margin} m; valid: 0 to {WIDEST} m")
@@ -144,8 +144,9 @@ class SelfCollision:
         return count
 
     def _measure(self, angles: Array, pairs: Indices, axis: Array | None = None) -> Array:
-        """Measures the distances (m,) [m] of some pairs at `angles` (j,) [rad], and clips them at SIGHT.
-        Writes the direction between the two links of each pair into `axis`."""
+        """Measures the distances (m,) [m] of `pairs` (m,) at `angles` (j,) [rad] of the model's joints.
+        Distances above 1 m (SIGHT) count as 1 m. Writes the direction between the two links of each pair into
+        `axis`."""
         s, data, segment = self._solids, self._data, self._segment
         _stand(self._arrays, angles, self._frames, data.geom_xpos, data.geom_xmat, s.geoms)
         result = np.empty(len(pairs))

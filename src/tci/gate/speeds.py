@@ -43,8 +43,8 @@ class Slope:
 
     @property
     def speed(self) -> Array:
-        """Returns the mean speeds (n,) [rad/s] over the last SPAN or less. All speeds are NaN if no earlier
-        reading is within SPAN before the latest one."""
+        """Returns the mean speeds (n,) [rad/s] between the oldest reading of the last SPAN [s] and the latest
+        reading. All speeds are NaN if there is no earlier reading in this time."""
         if not self.span > 0.0:
             return self._none
         speed: Array = (self._past[-1].position - self._past[0].position) / self.span

@@ -43,7 +43,8 @@ class StopTrajectory:
 
     def __init__(self, count: int) -> None:
         self.way = np.zeros((STOP_ROWS, count))
-        """Data of the stop, in rows as defined in `kernels.stops`."""
+        """Angles, velocities, accelerations, jerks and times of the stop, with one column per servo.
+        `kernels.stops` lists the rows."""
         self.here = self.way[HERE]
         """Angles (n,) [rad] one period before the stop begins."""
         self.span = self.way[LEAST : MOST + 1]
@@ -147,5 +148,6 @@ class StopPlanner:
         return max(self._kept.duration - float(self._since[0]), 0.0)
 
     def ahead(self, times: Array) -> Array:
-        """Returns the angles (k, n) [rad] on the stored stop at `times` (k,) [s] from now."""
+        """Returns the angles (k, n) [rad] that the n servos will have at `times` (k,) [s] from now, if they
+        continue the stop that `keep` stored."""
         return self._kept.states(self._since + times)[:, 0]

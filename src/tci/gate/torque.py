@@ -47,8 +47,8 @@ class TorqueLimiter:
         self.set_servos(())
 
     def set_servos(self, servos: Sequence[int]) -> None:
-        """Sets the servos in torque mode. All limits of these servos must be known. New servos start at zero
-        torque."""
+        """Sets which servos are in torque mode: `servos`, and no others. All limits of these servos must be
+        known. New servos start at zero torque."""
         fresh = [servo for servo in servos if servo not in self.servos]
         self._memory[:, fresh] = 0.0
         self._memory[at.CALM, fresh] = 1.0
@@ -73,7 +73,8 @@ class TorqueLimiter:
         return wanted
 
     def relax(self, servos: NDArray[np.intp] | EllipsisType = ...) -> None:
-        """Sets the commanded torque of some servos, or of all servos, to zero. Braking torques continue."""
+        """Sets the commanded torque of some servos, or of all servos, to zero. A servo that moves too fast
+        towards a limit is still braked."""
         self._memory[at.WANTED, servos] = 0.0
 
     def halt(self) -> None:

@@ -75,10 +75,10 @@ class OnlineTrajectory:
         self._planner.set_limits(bounds.acceleration, bounds.jerk)
         self._stopper = StopPlanner(bounds, position, period)
         self.whole_state: Array
-        """Latest state as one array (3, n). While nothing moves, this attribute remains the identical array
-        object."""
+        """Latest position [rad], velocity [rad/s] and acceleration [rad/s2] as one array (3, n). While
+        nothing moves, this attribute remains the identical array object."""
         self.position: Array
-        """Latest position (n,) [rad], the first row of the state."""
+        """Latest position (n,) [rad] on the trajectory, the first row of `whole_state`."""
         self.outside: bool
         """True if a servo is outside its limits. The caller must then keep `measured` up to date."""
         self._set_state(np.array([position, np.zeros(count), np.zeros(count)]))
@@ -156,7 +156,8 @@ class OnlineTrajectory:
         self._begin()
 
     def _begin(self) -> None:
-        """Permits motions again that were refused. Every new command calls this method."""
+        """Ends a halt, and permits the motion back inside the limits to be tried again after a refusal. Every
+        new command calls this method."""
         self._stopping = self._resting = False
         self._told: Code | None = None
         self._barred: Reason | None = None  # why the way inside is not tried until the next command
@@ -217,10 +218,10 @@ class OnlineTrajectory:
         """Takes a step towards the target. If the stop after this step would leave the bounds, takes no step
         and returns False.
 
-        If a servo outside its limits may not move back inside (the "way inside"), the other servos move
-        without this servo. The way inside is tried again in each period in which other servos move, and then
-        only at the next command. If the guard refuses the motion of the other servos too, all targets are
-        dropped, and only the way inside continues.
+        If servos outside their limits can't move back inside, the other servos move without them. The return
+        inside is tried again in each period in which the other servos move; once they rest, only at the next
+        command. If `guard` refuses the motion of the other servos too, all targets are dropped, and only the
+        return inside is tried.
         """
         if self._barred and not self.drives:  # the other servos are at rest
             return self._return_inside()
@@ -321,7 +322,7 @@ class OnlineTrajectory:
         return True, None
 
     def _brake(self) -> None:
-        """Takes a step of the present stop, which was checked before the present state was sent."""
+        """Takes a step of the stored stop, which has already been checked."""
         state, rests = self._stopper.step()
         self._set_state(state)
         if rests:

@@ -264,8 +264,8 @@ def _torso(rest: Array, left: int, right: int) -> Array:
 
 
 def _postures(points: Array, thumb: Array, side: Side, before: Array) -> tuple[Array, Array]:
-    """Returns generic angles (k, 5) [rad] of an arm, and the negative axis of elbow flexion (3,) in the last
-    frame.
+    """Returns generic angles (k, 5) [rad] of an arm in k frames, and the axis (3,) of elbow extension in the
+    last frame.
 
     `points` (k, 3, 3) are the positions of shoulder, elbow and wrist. If the elbow is straight, the axis of
     the previous frame is used. In the first frame, `before` is used. If `before` contains no axis, the axis
@@ -292,9 +292,9 @@ def _postures(points: Array, thumb: Array, side: Side, before: Array) -> tuple[A
 
 
 def _bend(upper: Array, before: Array) -> Array:
-    """Returns the negative axis of flexion (3,) of an elbow that is straight or almost straight: the part of
-    `before` (3,) perpendicular to the upper arm's direction `upper` (3,). If `before` has no such part,
-    chooses an axis about which the forearm would bend forward."""
+    """Returns the negative axis of flexion (3,) of an elbow that is straight or almost straight. This is the
+    previous axis `before` (3,) without its component along the upper arm's direction `upper` (3,). If nothing
+    remains, chooses an axis about which the forearm would bend forward."""
     forward, left = np.eye(3)[:2]
     choices = (before - upper * float(before @ upper), np.cross(forward, upper), left)
     lengths = [float(np.linalg.norm(choice)) for choice in choices]

@@ -30,8 +30,7 @@ FORCE = 0.2
 """Fraction of the acceleration limits that a fitted gesture uses. Assumed: the robot needs the rest of the
 acceleration to follow the gesture closely."""
 LONGEST = 3600.0
-"""Longest duration [s] of a gesture. Assumed: no gesture lasts longer than one hour. With 120 rows per
-second, one hour fits into `rows.MOST` rows."""
+"""Longest duration [s] of a gesture. Assumed: no gesture lasts longer than one hour."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,9 +40,9 @@ class Gesture:
     times: Array
     """Times (k,) [s], increasing from 0."""
     postures: Mapping[str, Array]
-    """Generic angles (k, n) [rad] of each part, by the part's name. Arm angles are relative to the torso
-    frame. In a fitted gesture, arm angles are the angles of the generic joints of the robot for which the
-    gesture was fitted."""
+    """Generic angles (k, joints) [rad] of each part at the k `times`, by the part's name. Arm angles are
+    relative to the torso frame. In a fitted gesture, arm angles are the angles of the generic joints of the
+    robot for which the gesture was fitted."""
 
     def __post_init__(self) -> None:
         times = np.asarray(self.times)
@@ -80,8 +79,7 @@ class Fitted:
     """A gesture that a given robot can perform."""
 
     gesture: Gesture
-    """The motion in this robot's generic joints, with arm angles relative to the robot's mounts. The time
-    between two postures is at most SAMPLE * `slower` [s]."""
+    """The motion in this robot's generic joints, with arm angles relative to the robot's mounts."""
     targets: Gesture
     """Targets for the gate. The gate plans to stop at every target, which would delay the motion. Therefore
     the targets are ahead of the gesture by half the stopping time."""
@@ -167,8 +165,8 @@ def fit(robot: Robot, gesture: Gesture, *, exact: bool = True, share: float = SH
 
 
 def _leading(robot: Robot, part: str, gesture: Gesture, positions: Array) -> Array:
-    """Returns generic angles (k, n) [rad] that are ahead of the gesture by the stopping distances of the
-    servos.
+    """Returns the targets (k, n) [rad] of the n joints of a part at k times. Each target is ahead of the
+    gesture by the distance in which the joint stops.
 
     All servos of the part stop in the time T that the slowest servo needs. In this time, a servo with the
     speed v moves by v T / 2.

@@ -163,7 +163,7 @@ class JointTouch:
 
 
 def _with_forces(contacts: Contacts, forces: Array) -> Contacts:
-    """Returns the contacts with the total forces (c,) [N].
+    """Returns the contacts with their total forces replaced by `forces` (c,) [N].
 
     Each taxel keeps its fraction of the force of its contact.
     """

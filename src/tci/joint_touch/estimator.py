@@ -105,8 +105,10 @@ class PartEstimator:
     def explain(
         self, left: Array, residual: Residual, position: Array, kinematics: KinematicChain, least: float
     ) -> Explanation | None:
-        """Returns the most likely contact for the residual `left` (k,), in standard deviations. Returns None
-        if the residual in the direction of the contact's torques is below `least` standard deviations."""
+        """Returns the most likely cause of `left` (k,) [standard deviations]: the joint torques that the
+        contacts on skin do not explain. Returns None if the component of `left` in the direction of the
+        contact's torques is below `least` [standard deviations]. `residual` contains the standard deviations.
+        """
         if left @ left < least * least:
             return None
         weight = 1.0 / residual.deviation[self._servos]
@@ -138,9 +140,10 @@ class PartEstimator:
 
 
 def unit_torques(wrenches: Array, position: Array, link: str, kinematics: KinematicChain) -> Array:
-    """Returns the torques (n_servos, n) [N m] of `wrenches` (6, n).
+    """Returns the joint torques (n_servos, n) [N m] that `wrenches` (6, n) on a link cause at `position`
+    (n_servos,) [rad].
 
-    The wrenches are in the frame of a link, about the origin of this link.
+    Each wrench is a force and the torque about the link's origin, in the link's frame.
     """
     pose, jacobian = kinematics.pose_and_jacobian(position, link)
     turned = np.concatenate([pose[:3, :3] @ wrenches[:3], pose[:3, :3] @ wrenches[3:]])

@@ -76,7 +76,8 @@ class MomentumObserver:
     def __init__(
         self, robot: Robot, calibration: JointCalibration, settings: ObserverSettings = ObserverSettings()
     ) -> None:
-        """Prepares an observer without readings. Raises the errors of `Dynamics`."""
+        """Prepares an observer without readings. Raises DescriptionError if the robot has no model with
+        masses. Raises UnknownNameError if the torso or the link of a tool is missing in the model."""
         self.settings = settings
         self._dynamics = Dynamics(robot, calibration)
         limits = [servo.limits.torque for servo in robot.servos]

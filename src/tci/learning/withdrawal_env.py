@@ -61,8 +61,8 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
     """Environment with one arm that a finger pokes.
 
     The observation is a dictionary: `posture` (5,) [rad] and `velocity` (5,) [rad/s] of the generic arm,
-    `task` (5,) [rad] (the posture to which the arm should return), and `contacts` (CONTACTS, CONTACT) or
-    `taxels` (n,) [N].
+    `task` (5,) [rad] (the posture to which the arm should return), and either `contacts` (4, 7), one row per
+    contact with the columns that CONTACT lists, or `taxels` (n,), the force [N] on each taxel.
 
     The action (5,) is the target of the generic arm in the control mode of the environment: angles [rad] for
     position and impedance, velocities [rad/s] for velocity. Targets of joints that the robot lacks are
@@ -98,7 +98,8 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         of one step, `rate` [Hz] the rate of commands to the robot, `step` [s] the step of the physics
         simulation, and `noise` [counts] the noise of the skin. The default rate is the frame rate of NAO's
         arm skin, since a new touch can't be detected between two frames. Raises TciError for an unknown
-        `mode` or `touch`, for a part without skin, and for an invalid number. Raises the errors of `World`.
+        `mode`, `touch` or `render_mode`, for a part without skin, for an invalid number, and for a robot that
+        can't be simulated.
         """
         modes = {m.value: m for m in (Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE)}
         if mode not in modes:

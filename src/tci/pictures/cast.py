@@ -27,7 +27,8 @@ class Hits:
     geom: NDArray[np.int32]
     """Index (n,) of the geom that each ray hits, or -1 if the ray hits nothing."""
     surface: NDArray[np.int32]
-    """Index (n,) of the surface to which the hit geom belongs, or -1 if the ray hits nothing."""
+    """Number (n,) of the hit surface, equal for all opaque geoms of one body and colour; -1 if the ray hits
+    nothing."""
     distance: Array
     """Distance (n,) [m] from the camera, or infinity if the ray hits nothing."""
     points: Array

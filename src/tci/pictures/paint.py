@@ -27,7 +27,7 @@ since the colours of pressure are warm."""
 SKIN_COLOUR = (0.30, 0.32, 0.36)
 """Colour of links that carry skin."""
 FULL_SCALE = 40e3
-"""Pressure [Pa] that has the last colour of PRESSURE_COLOURS."""
+"""Pressure [Pa] from which a dot has the colour of the highest pressures, light yellow."""
 _SWELL = 1.0
 """Relative increase of a dot's radius from pressure 0 to FULL_SCALE. The increase makes small contacts
 visible."""

@@ -47,8 +47,8 @@ class Series:
     measured: dict[str, Array]
     """Measured generic angles (k, n) [rad] of each part that is drawn."""
     sent: dict[str, Array]
-    """Generic angles (k, n) [rad] that were sent to each part that is drawn. The value is NaN in periods in
-    which no angles were sent to the part."""
+    """Generic angles (k, n) [rad] that were sent to the n joints of each drawn part in k periods, by the
+    part's name. The value is NaN in periods in which no angles were sent to the part."""
     peak: dict[str, Array]
     """Largest pressure (taxels,) [Pa] of each patch during the recording."""
     joints: JointReading

@@ -16,7 +16,7 @@ def pressure_pixels(image: PressureImage, *, full_scale: float = FULL_SCALE) -> 
     """Returns the colours (rows, columns, 4) of a pressure image, 0 to 1. Pixels without skin are
     transparent.
 
-    Pressures above `full_scale` [Pa] have the last colour.
+    Pressures above `full_scale` [Pa] have the colour of `full_scale`.
     """
     skin = np.isfinite(image.pressure)
     colours = pressure_colours(np.where(skin, image.pressure, 0.0), full_scale)

@@ -37,8 +37,8 @@ def _neighbours(step: int) -> list[tuple[Offset, Offset]]:
 
 
 def smooth_normals(surface: NDArray[np.int32], normals: Array, *, passes: int = 2) -> Array:
-    """Returns normals (h, w, 3) without visible facets of a mesh. Normals are averaged only within one
-    surface (h, w), and not across creases.
+    """Returns normals (h, w, 3) without visible facets of a mesh. Normals are averaged only between pixels
+    with equal values in `surface` (h, w), and not across creases.
 
     The filter is the edge-avoiding a-trous wavelet of Dammertz et al. 2010: each pass averages over twice the
     distance of the previous pass.

@@ -52,7 +52,8 @@ class PatchValues(Description):
     """Values of one patch."""
 
     values: str
-    """Name of the array (frames, ...). In a CSV file: names of its first and last column, FIRST:LAST."""
+    """Name of the array that contains the values of all frames. In a CSV file: names of its first and last
+    column, FIRST:LAST."""
     axis: int = 0
     """Axis of the array along which the frames follow each other. The other axes are flattened; the last of
     them varies fastest."""

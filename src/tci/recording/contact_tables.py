@@ -29,8 +29,9 @@ MOST = 0.9
 """Least fraction of the contacts that must agree with a table. Assumed: 98 % of the contacts agree with
 the right table of an iCub's hand, and 27 % with the table of the other hand; this value is between them."""
 PLACES = 10
-"""Least number of different centres from which a change of frame between skin and table is estimated.
-Assumed: ten centres are enough, since they have 30 coordinates, and a frame has only six parameters."""
+"""Least number of different recorded centres from which the rigid motion between the robot's taxels and the
+recorded table is estimated. Assumed: ten centres are enough, since they have 30 coordinates, and a rigid
+motion has only six parameters."""
 
 Verdict = Literal["fits", "wrong", "unknown", "no patch"]
 
@@ -51,7 +52,7 @@ class TableFit:
     """Result of the comparison with the robot's skin:
 
     - `fits`, `wrong`: the robot's taxels are, or are not, at the recorded places.
-    - `unknown`: no contact has all its taxels on the robot's patch.
+    - `unknown`: no comparison, since each contact contains a taxel that the robot's patch lacks, or no taxel.
     - `no patch`: the robot has no patch with the part's name."""
     tables: tuple[str, ...]
     """Names of the given tables that agree with the recorded contacts. Tables of two versions of a skin may

@@ -37,10 +37,10 @@ def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]
 
     If `robot` is given, also returns `contacts`. Every table has a column `time_s`: the time of the
     measurement, command or decision on the driver's clock. The mode of a command determines the unit of its
-    values. Angles are in [rad], speeds in [rad/s], torques in [N m].
-    In the table of a patch, `raw` (frames, channels) are the unchanged values. With a `robot`, `pressure_pa`
-    and `force_n` (frames, taxels) are computed from the raw values. Pressures and forces are NaN for frames
-    that did not fit the robot. Raises RecordingError if the recording can't be read.
+    values. Angles are in [rad], speeds in [rad/s], torques in [N m]. In the table of a patch, `raw` (frames,
+    channels) are the unchanged values. With a `robot`, `pressure_pa` and `force_n` (frames, taxels) are
+    computed from the raw values. Pressures and forces are NaN for frames that were not used, because they do
+    not fit the robot or came in the wrong order. Raises RecordingError if the recording can't be read.
     """
     rows: dict[str, list[tuple[float, dict[str, Any]]]] = {}
     frames: dict[str, list[SkinFrame]] = {}

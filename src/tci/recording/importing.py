@@ -56,7 +56,7 @@ def import_frames(
 
     Returns the number of periods, which is the number of items in `frames`. If `robot` is given, the recorded
     joints rest at the robot's initial posture, so that the recording can be replayed and drawn. If `twice` is
-    True, two successive items may have equal times, since some senders repeat the time of their own input.
+    True, two successive items may have equal times, since some programs send two messages with one time.
     Raises RecordingError in three cases: there are no frames, the times do not increase, or a frame does not
     fit. With a robot, frames must fit the robot's patches. Without a robot, all frames of a patch must have
     equal sizes.

@@ -225,7 +225,7 @@ class _Out:
 def _same_joints(a: JointReading, b: JointReading) -> bool:
     """Returns True if the JointState and Imu messages of `a` and `b` are equal.
 
-    Fields of `JointReading` that are not in these messages are not compared, since every Tick contains them.
+    Other fields of `JointReading` are not compared, since the message Tick records them in every period.
     """
     if a is b:
         return True

@@ -158,19 +158,20 @@ def to_gravity(imu: Mapping[str, Any]) -> Array | None:
 
 
 def skin_values(frame: SkinFrame, number: int, stamp: float) -> tuple[Any, ...]:
-    """Returns the values of a SkinFrame. `stamp` [s] is the time in the message's header."""
+    """Returns the values of all fields of a SkinFrame message, beginning with the header. `stamp` [s] is the
+    time in the header, and `number` the index of the patch."""
     data = np.frombuffer(np.ascontiguousarray(frame.values).tobytes(), dtype=np.uint8)
     values = (frame.stamp, frame.sequence, number, frame.patch, frame.values.dtype.str, data)
     return *header(stamp, frame.patch), *values
 
 
 def skin_bytes(frame: SkinFrame, number: int) -> bytes:
-    """Encodes a SkinFrame with unchanged raw values."""
+    """Encodes a SkinFrame, with exact raw values. `number` is the index of the patch in the recording."""
     return encode(SKIN, skin_values(frame, number, frame.stamp))
 
 
 def tick_bytes(now: float, joints: JointReading, skin: list[int]) -> bytes:
-    """Encodes a Tick."""
+    """Encodes a Tick, the message that a recording contains for each period."""
     modes = [] if joints.modes is None else [mode_number(mode) for mode in joints.modes]
     powered = () if joints.powered is None else joints.powered
     return encode(

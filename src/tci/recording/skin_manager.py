@@ -4,8 +4,7 @@ skinManager.
 A contact is a set of taxels linked by distances of up to skinManager's maxNeighborDist (single-link
 clusters). The geometric centre of a contact is the mean of its taxels' positions. The pressure of a contact
 is the mean of its taxels' values. The force of a contact is -0.05 N per taxel and unit of pressure, along the
-mean normal. The code was written from the conventions (facts and measurements). No code of skinManager is
-included.
+mean normal. The code was written from these conventions, without any code of skinManager.
 """
 
 from __future__ import annotations
@@ -29,8 +28,8 @@ NEIGHBOUR = 0.012
 """Default of the largest distance [m] between neighbouring taxels (skinManager's maxNeighborDist). Some
 robots use other values."""
 FORCE = 0.05
-"""Force [N] that skinManager computes per taxel of a contact and per unit of its pressure (the mean of the
-taxels' values)."""
+"""Factor for the force [N] of a contact in skinManager: force = FORCE * number of taxels * mean of the
+taxels' values."""
 SKIN_PARTS = (
     "unknown", "left_hand", "left_forearm", "left_arm", "right_hand", "right_forearm", "right_arm", "torso",
     "left_leg_upper", "left_leg_lower", "left_foot", "right_leg_upper", "right_leg_lower", "right_foot",
@@ -57,7 +56,7 @@ class SkinContact:
     link: int
     """Number of the link in the body part."""
     skin_part: int
-    """Index into SKIN_PARTS."""
+    """Number of the skin part: the index of its name in SKIN_PARTS."""
     centre: Array
     """Centre of pressure (3,) [m]."""
     force: Array

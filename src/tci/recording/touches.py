@@ -37,8 +37,8 @@ class Touch:
     """Time [s] of the first command for each part since the touch began. The key "" is for commands to the
     robot's own joints."""
     motions: dict[str, float] = field(default_factory=dict)
-    """Time [s] of the first motion, by moving part: the time at which a generic joint of this part had
-    changed by more than `MOVED`."""
+    """Time [s] at which each part first moved, by part. Motion means that a generic joint has turned by more
+    than `MOVED` [rad] since the touch began."""
 
     @property
     def responding(self) -> str:

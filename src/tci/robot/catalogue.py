@@ -30,7 +30,7 @@ _FOLDER = Path(__file__).with_name("robots")
 _known: weakref.WeakValueDictionary[str, Robot] = weakref.WeakValueDictionary()
 """For each name, the robot that was loaded last, while a caller still uses this robot."""
 _files: dict[str, Files] = {}
-"""For each name in `_known`, the state of the robot's files at the time when the robot was loaded."""
+"""State of each robot's files at the time when the robot was last loaded, by the robot's name."""
 
 
 def robot_names() -> tuple[str, ...]:
@@ -81,7 +81,8 @@ def _shared(name: str, robot: Robot) -> Robot:
 
 
 def _named_files(robot: Robot) -> Files:
-    """Returns the present state of the files of model, attachments and skin."""
+    """Returns path, size and time of the last change of each model file and skin file of a robot. Leaves out
+    missing files."""
     model = robot.model
     named = [] if model is None else [model.path, *(one.path for one in model.attachments)]
     named += [file for patch in robot.patches if (file := getattr(patch.surface, "file", None))]

@@ -1,4 +1,5 @@
-"""Selection of the bodies of a robot that can collide: its arms with its trunk, and its arms with each other.
+"""Selection of the links of a robot that can collide: the arms with all other links, and the arms with each
+other.
 
 Links next to a joint overlap by construction, so these collisions are excluded:
 
@@ -40,8 +41,8 @@ NO_MODEL = "no <model>: simulation and self-collision need a URDF or MJCF file"
 
 
 def solid_spec(robot: Robot, *, shown: bool = False, mimics: bool = True) -> mujoco.MjSpec:
-    """Returns the robot's model with only the joints of its servos. Geoms that collide are marked in the
-    model.
+    """Returns the robot's model with only the joints of its servos. The attributes `contype` and
+    `conaffinity` of each geom define with which other geoms it can collide.
 
     If `shown` is True, the model contains everything that pictures need; otherwise it contains only the geoms
     that collide, as convex hulls. Joints that no servo drives are fixed at 0. If `mimics` is False, joints
@@ -135,7 +136,7 @@ def nearby(
 
 def _overlapping(model: mujoco.MjModel, robot: Robot, posture: Array) -> list[tuple[int, int]]:
     """Returns the pairs of bodies, by their index in MuJoCo, that are in contact at `posture` (n_servos,)
-    [rad], or are near each other at `posture` and at most other postures (see `MOST`)."""
+    [rad], or are near each other at `posture` and in nearly all random postures (see `MOST`)."""
     overlapping = set(nearby(model, robot, posture))
     if near := nearby(model, robot, posture, within=NEAR).keys() - overlapping:
         ends = np.array([posture, posture])

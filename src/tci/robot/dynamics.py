@@ -28,8 +28,8 @@ class Dynamics:
     def __init__(self, robot: Robot, calibration: JointCalibration) -> None:
         """Adds the tools and rotors of a `calibration` to the robot's model.
 
-        Raises the errors that `weighted_model` raises. Raises UnknownNameError if a tool is on a link that is
-        missing in the model.
+        Raises DescriptionError if the robot has no model, or if a link lacks the `<inertial>` that it needs.
+        Raises UnknownNameError if the torso, or the link of a tool, is missing in the model.
         """
         self._made_of = robot, calibration
         self._model, self._torso = weighted_model(robot)

@@ -1,9 +1,9 @@
 """The generic arm: five joints to which every humanoid arm is mapped (§3.1).
 
 At generic zero the arm hangs down, the elbow flexes forward and the thumb side faces forward. On both sides,
-the positive directions are: shoulder flexion, abduction, internal rotation, elbow flexion and pronation.
-Orientations are given in the mount frame of the arm, which is the torso frame rotated by `mount` in the
-description.
+the positive directions are: shoulder flexion, abduction, internal rotation, elbow flexion and pronation. The
+three shoulder angles describe the orientation of the upper arm in the mount frame, which is the torso frame
+rotated by `mount` in the description.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ def forearm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
     """Returns `R_MF` (3, 3), the rotation of the forearm in the mount frame M, at the generic angles
     `posture` (5,) [rad].
 
-    -z points along the segment. If `axial` is True, x points to the thumb side; if it is False, pronation
-    (joint 4) is left out.
+    In the forearm's frame F, -z points along the forearm to the hand. If `axial` is True, x points to the
+    thumb side; if it is False, pronation (joint 4) is left out.
     """
     s = side_sign(side)
     rotation = upper_arm_rotation(posture, side, axial=True) @ rotation_y(-posture[3])
@@ -104,6 +104,6 @@ def limb_coordinates(points_S: Array, length: float, side: Side) -> tuple[Array,
 
 
 def limb_direction(theta: float, side: Side) -> Array:
-    """Returns the unit vector (3,) in the frame S of a segment that points from the segment's axis in the
-    direction `theta` [rad]."""
+    """Returns the unit vector (3,) in the direction `theta` [rad] around a segment's axis, in the segment's
+    frame S."""
     return np.array([np.cos(theta), side_sign(side) * np.sin(theta), 0.0])

@@ -46,9 +46,9 @@ class Gravity:
         """Returns the torque (n_servos,) [N m] that each servo needs to hold `position` (n_servos,) [rad].
 
         `down` (3,) is the direction of gravity in the torso frame; its length has no effect. The root of the
-        model is fixed to the ground: servos between root and torso, such as an iCub's waist, hold only the
-        links between torso and servo. For servos without a joint in the model the torque is 0. Raises
-        CommandError if an argument has another shape, or if `down` has length 0.
+        model counts as fixed to the ground, so an iCub's waist holds the upper body but not the legs. For
+        servos without a joint in the model the torque is 0. Raises CommandError if an argument has another
+        shape, or if `down` has length 0.
         """
         if np.shape(position) != (self._n_servos,):
             raise CommandError(

@@ -176,8 +176,9 @@ class InverseKinematics:
         return answer, steps
 
     def _starts(self, first: Array) -> Array:
-        """Returns further starting postures (starts - 1, k) [rad] within the limits, sorted by their distance
-        from the first starting posture, `first`. These postures are random, from a fixed seed."""
+        """Returns further starting postures (m, k) [rad] of the k servos, sorted by their distance from
+        `first` (k,) [rad], the first starting posture. The postures are random within the limits, from a
+        fixed seed."""
         shares = np.random.default_rng(0).random((self._settings.starts - 1, len(first)))
         starts = self._lower + shares * (self._upper - self._lower)
         order: Array = starts[np.argsort(np.linalg.norm(starts - first, axis=1))]
@@ -239,7 +240,8 @@ class InverseKinematics:
 
     def _error(self, target: Array, position: Array) -> tuple[Array, Array]:
         """Returns the error and its Jacobian: (3,) [m] and (3, k) for a position, (6,) and (6, k) for a pose.
-        For a pose, the angular part is multiplied by `length`."""
+        For a pose, the angular part [rad] is multiplied by the setting `length` [m], so all numbers are
+        lengths."""
         T_TP, jacobian = self._kinematics.pose_and_jacobian(position, self._link, point=self._point)
         jacobian = jacobian[:, self._chosen]
         if target.shape == (3,):

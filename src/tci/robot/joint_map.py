@@ -39,10 +39,10 @@ class JointMap:
         self.fixed = np.array([joint.fixed for joint in part.servos])
         none = np.zeros(0, dtype=np.intp)
         self.ids: NDArray[np.intp] = np.concatenate([none, *(t.ids for t in transforms)])
-        """Generic ids (k,) of the joints that the robot has."""
+        """Generic ids (m,) of the joints that the robot has."""
         self.servos: NDArray[np.intp] = frozen(np.concatenate([none, *(t.servos for t in transforms)]))
-        """Servos (k,) that move the joints `ids`; read-only. Each joint has one servo, except in a synergy
-        (joints and servos that depend on each other)."""
+        """Servos (k,) that move the joints `ids`; read-only. There are as many servos as joints, except
+        possibly in a synergy (see `tci.robot.transforms`)."""
         self.unlimited: Array = frozen(np.full(len(self.servos), np.inf))
         """Speeds (k,) [rad/s] for a command that requests no speed: all are infinite; read-only."""
         self.exact = not of["synergy"]
@@ -77,8 +77,8 @@ class JointMap:
         return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
 
     def slope(self, position: Array) -> Array:
-        """Returns the derivative d generic / d servo (m, k) at `position` (n_servos,) [rad]. The rows of this
-        derivative are in the order of `ids`.
+        """Returns the derivative d generic / d servo (m, k) at `position` (n_servos,) [rad]: one row for each
+        joint in `ids`, one column for each servo in `servos`.
 
         Raises CommandError if a transform has no derivative at this position.
         """
@@ -93,9 +93,10 @@ class JointMap:
         return result
 
     def per_servo(self, values: Array, position: Array) -> Array:
-        """Returns the rates (k,) of the servos for the rates `values` (m,) of the joints `ids`, at `position`
-        (n_servos,) [rad]. In a synergy, the rates may not produce `values` exactly; they minimise the squared
-        error of `values`. Raises the errors that `slope` raises."""
+        """Returns the rates (k,) of the servos at which the part's joints `self.ids` have the rates `values`
+        (m,), at `position` (n_servos,) [rad]. If joints share servos (a synergy), the joints' rates may
+        differ from `values`, with the least sum of squared errors. Raises CommandError if a transform has no
+        derivative at this position."""
         slope = self.slope(position)
         if self.exact:
             return np.array(np.linalg.solve(slope, values))
@@ -111,7 +112,8 @@ class JointMap:
 
     def shares(self, values: Array) -> Array:
         """Converts stiffness or damping, as fractions for all joints (n,), to fractions for the servos (k,).
-        In a synergy, a servo gets the weighted mean of the values for the joints that it moves."""
+        If joints share servos (a synergy), a servo gets the mean of the values for the joints that it moves,
+        weighted by how far it moves them."""
         if self.exact or self._slope is None:
             return values[self.ids]
         weight = np.abs(self._slope)
@@ -131,11 +133,11 @@ class JointMap:
         return frozen(np.concatenate([np.zeros(0), *parts]))
 
     def driven_speeds(self, position: Array) -> Array:
-        """Returns the speeds (k,) [rad/s] for servos in velocity control.
+        """Returns the largest permitted speeds (k,) [rad/s] of `servos` in velocity and torque mode.
 
-        At these speeds, no generic joint exceeds its speed in the description. This also holds for a
-        retargeted shoulder, for which the result of `speeds` does not ensure it. Raises the errors that
-        `slope` raises.
+        At these speeds, no generic joint exceeds its speed in the description. This includes the joints of a
+        retargeted shoulder, while `speeds` limits only the servos there. Raises CommandError if a transform
+        has no derivative at `position` (n_servos,) [rad].
         """
         if self._slope is not None:
             return self.speeds(position)
@@ -147,7 +149,8 @@ class Postures:
     transform is linear, which are nearly all joints."""
 
     def __init__(self, robot: Robot) -> None:
-        """Creates the maps. Raises the errors that the transforms raise."""
+        """Creates the maps. Raises DescriptionError if a retargeted shoulder does not fit the kinematic
+        model, or if there is no model."""
         maps = [joint_map(robot, part.name) for part in robot.parts]
         ends = np.cumsum([0, *(len(part.servos) for part in robot.parts)]).tolist()
         self._slices = {

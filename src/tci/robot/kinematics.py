@@ -1,8 +1,9 @@
 """Forward kinematics and Jacobians of a robot's links.
 
 The path to a link is a sequence of steps, which a compiled loop follows. On a revolute joint at angle q, a
-step is the pose K0 + K1 cos q + K2 sin q, by Rodrigues' formula R = a a^T + (1 - a a^T) cos q + [a] sin q
-about the axis a through a given point. On a prismatic joint, the step is the pose K0 + K1 q.
+step is the pose K0 + K1 cos q + K2 sin q, with constant matrices K0, K1 and K2 (3, 4). These follow from
+Rodrigues' formula R = a a^T + (1 - a a^T) cos q + [a] sin q, with the joint's axis a, and the matrix [a] of
+the cross product with a. On a prismatic joint, the step is the pose K0 + K1 q.
 """
 
 from __future__ import annotations
@@ -88,7 +89,8 @@ class KinematicChain:
         return self._poses(position, *found)
 
     def body_poses(self, position: Array, bodies: Iterable[int]) -> Array:
-        """Returns `T_TL` (l, 4, 4) of bodies, given by their index in the model; see `poses`."""
+        """Returns `T_TL` (l, 4, 4), the poses in the torso frame, of links given by their indices in the
+        model. `position` (n_servos,) [rad] is in the order of `Robot.servos`."""
         ends = self.ends(bodies)
         return self._poses(position, ends, self.path(ends.tolist()))
 
@@ -97,7 +99,8 @@ class KinematicChain:
 
         Rows 0-2 are the velocity of the point [m/rad], and rows 3-5 are the angular velocity of the link
         [rad/rad]; both are relative to the torso. `point` (3,) [m] is given in the frame of `link`. Raises
-        the errors that `poses` raises, and CommandError if `point` has another shape.
+        CommandError if `position` or `point` has another shape, and UnknownNameError if the model lacks the
+        link.
         """
         return self.pose_and_jacobian(position, link, point=point)[1]
 
@@ -139,12 +142,11 @@ class KinematicChain:
         return np.array([self._after[body] for body in bodies], np.int64)
 
     def path(self, ends: Iterable[int]) -> Indices:
-        """Returns a table (k, 2) of the steps (see the module) from the model's root to the torso and to the
-        links at the ends of the steps `ends`. Parents come first.
+        """Returns a table (k, 2) of the k steps (see the module) from the model's root to the torso and to
+        some links. `ends` are the indices of the last steps to these links. Parents come first.
 
-        The first column is the index of the step. The second column is 1 if the servo of the step moves the
-        link of the first of `ends` but not the torso, -1 if it moves the torso but not this link, and 0
-        otherwise.
+        The first column is the index of the step. The second column is 1 if the step's servo moves the first
+        of these links but not the torso, -1 if the servo moves the torso but not this link, and 0 otherwise.
         """
         above = [self._above(end) for end in ends]
         torso = self._above(self.torso)

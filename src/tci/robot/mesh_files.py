@@ -111,7 +111,7 @@ def _other_case(places: list[Path]) -> str:
 
 def is_readable(path: Path) -> bool:
     """Returns True if MuJoCo can read the mesh file. MuJoCo can't read STL files that are in text form, are
-    empty, or have more than MOST_FACES faces."""
+    empty, or have more than 200 000 faces."""
     if path.suffix.lower() == ".stl":
         return 0 < _faces(path) <= MOST_FACES
     return path.suffix.lower() in READABLE

@@ -109,7 +109,8 @@ class Shoulder:
 
     @cached_property
     def _crosses(self) -> tuple[Array, Array]:
-        """Matrices (3, 3, 3) of the cross products with the axes, and the squares of these matrices."""
+        """Cross-product matrices (3, 3, 3) of the three axes, one matrix per axis, and the squares (3, 3, 3)
+        of these matrices."""
         crosses = np.stack([cross_matrix(axis) for axis in self.axes])
         return crosses, crosses @ crosses
 
@@ -146,7 +147,8 @@ class Shoulder:
         return self._at_zero.T @ np.column_stack(vectors[2:4]), [vector.tolist() for vector in vectors]
 
     def _solve(self, R_TU: Array) -> list[Vector]:
-        """Computes the result of `solutions` with Python floats."""
+        """Returns one or two lists of three servo angles [rad] at which the upper arm has the rotation `R_TU`
+        (3, 3)."""
         seen, (first, second, third, aside, across) = self._seen
         end, end_aside = (R_TU @ seen).T.tolist()
         along_first, along_second = _dot(first, end), _dot(second, third)

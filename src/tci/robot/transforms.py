@@ -64,7 +64,7 @@ class Transform(ABC):
 
 
 class Linear(Transform):
-    """Joints that are mapped to servos by equation 1."""
+    """Joints with one servo each, mapped by eq. 1 of the paper: GS = gamma DS + sigma."""
 
     constant = steady = True
 
@@ -135,7 +135,7 @@ class Coupled(Transform):
         return self._matrix
 
     def _moved(self, joints: list[GenericServo]) -> list[int]:
-        """Returns the servos in the order of the columns of `_matrix`, whose rows belong to the joints."""
+        """Returns the servos that move the joints, in the order of the columns of the matrix of factors."""
         return [joint.servo for joint in joints if joint.servo is not None]
 
     def _invert(self) -> Array:
@@ -188,9 +188,9 @@ class Retarget(Transform):
         return np.array(np.linalg.solve(axes, self._shoulder.spin(angles)))
 
     def speeds(self, angles: Array, most: Array) -> Array:
-        """Returns `most` unchanged: in a retargeted shoulder, the speeds in the description are those of the
-        servos. The speeds of generic angles are no useful bounds, because generic angles jump near 90 degrees
-        of abduction."""
+        """Returns `most` (k,) [rad/s], the speeds in the description, unchanged: in a retargeted shoulder
+        they limit the servos instead of the generic joints. The speeds of generic angles are no useful
+        bounds, because generic angles jump near 90 degrees of abduction."""
         return most
 
 

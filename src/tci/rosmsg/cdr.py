@@ -48,8 +48,8 @@ class MessageType:
     says: str = ""
     """Comment at the top of the message's definition."""
     needs: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = ()
-    """Nested messages by `package/Name`, with their fields. The type of a nested field is `Name`, without the
-    package."""
+    """Nested messages by `package/Name`, with their fields. A field that is a nested message has the type
+    `Name`, without the package."""
     headed: bool = True
     """True if the message begins with a `std_msgs/Header`."""
 
@@ -103,7 +103,7 @@ def _fields(
 
 
 def item_of(type_: str) -> tuple[str, int | None]:
-    """Returns the type of the items and the number of items of a field's type.
+    """Splits a field's type, such as `float64[9]`, into the type of one item and the number of items.
 
     The number is None for a single value, 0 for a sequence, and the length for an array.
     """

@@ -44,9 +44,9 @@ REST = 0.5
 """Longest time [s] that the loop waits at the end of a run until the robot is at rest. Assumed: with the
 accelerations in the descriptions, robots come to rest in less time."""
 LET_GO = 0.1
-"""Length [s] of the last part of the time `REST`. In this part the loop reads no sensor data. The gate then
-sets all torques to zero, because its data is too old. Otherwise a joint in torque mode would keep its last
-torque."""
+"""Length [s] of the last part of the time `REST`, for which the loop waits at the end of a run. In this part
+the loop reads no sensor data. The gate then sets all torques to zero, because its data is too old. Otherwise
+a joint in torque mode would keep its last torque."""
 STILL = 1e-6
 """Commanded speed [rad/s] below which a joint counts as at rest. Assumed: larger than rounding errors, and
 far smaller than the speed of any motion."""
@@ -107,8 +107,8 @@ def run(
     the skin's conditioning; None for the default settings.
 
     At the end of every run, also after an error, the loop interrupts unfinished motions and brings the robot
-    to rest. The loop waits at most `REST` [s] until the robot is at rest. If SIGINT or SIGTERM ended the run,
-    `run` then raises KeyboardInterrupt or SystemExit.
+    to rest. The loop waits at most half a second (`REST`) until the robot is at rest. If SIGINT or SIGTERM
+    ended the run, `run` then raises KeyboardInterrupt or SystemExit.
 
     Before the robot moves, raises TciError for an invalid duration or argument, CommandError if the gate
     refuses the capability's first commands, and DriverError if another process commands the robot. After the
@@ -310,7 +310,7 @@ class _Loop(Generic[Memory]):
 
     def _rest(self, halt: Callable[[], None] | None = None) -> None:
         """Writes commands until the commanded speeds and torques of all joints are zero, but for at least
-        `MISSED` + 1 periods, so that a process that missed `MISSED` commands receives the last one. Calls
+        four periods (`MISSED` + 1). So a process that misses three commands still receives the fourth. Calls
         `halt`, if given, in each period.
         """
         for count, sent in enumerate(self._writes(halt), start=1):

@@ -1,4 +1,4 @@
-"""Keeps the code of a command in the processor's caches while no command is given."""
+"""Keeps the machine code that handles a command in the processor's caches while no command is given."""
 
 from __future__ import annotations
 

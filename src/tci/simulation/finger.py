@@ -199,8 +199,7 @@ class Finger:
         base, which a spring connects to the tip. `depth` [m] determines the force: `depth * 800 N/m` once the
         base rests. `gap` [m] is the distance from tip to skin at the start. Raises UnknownNameError for an
         unknown patch, and CommandError for an invalid number. Raises TciError if the finger would start
-        inside another patch, or if the finger at this point also touches another patch where that patch has
-        no taxels.
+        inside another patch, or would also touch another patch at a place without taxels.
         """
         point, outward = self._skin.point(patch, place, normal)
         self._start(point, outward, speed, depth, gap)
@@ -263,7 +262,7 @@ class Finger:
                 raise TciError(f"no room for the finger: it would start {-contact.dist:.4f} m inside {other}")
 
     def _check_way(self, patch: str, gap: float) -> None:
-        """Raises TciError if a finger that touches `patch` also touches another patch where that patch has no
+        """Raises TciError if a finger that touches `patch` also touches another patch at a place without
         taxels, such as the end of a limb.
 
         In this case no taxel would measure the force on the other patch. `gap` [m] is the distance from the

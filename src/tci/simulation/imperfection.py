@@ -35,7 +35,7 @@ class Imperfection:
     """Difference [counts] between the rest values at the two ends of a patch, after one end has become warm.
     """
     gradient_time: float = 600.0
-    """Time constant [s] of warming."""
+    """Time constant [s] with which one end of a patch becomes warm."""
 
     def __post_init__(self) -> None:
         for field in fields(self):

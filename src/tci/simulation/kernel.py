@@ -16,26 +16,27 @@ SIGMA = 3e-3
 """Width [m] (standard deviation) of the Gaussian over which the cover of the taxels spreads a force. Assumed:
 half of the pitch of an iCub's taxels, so that a force at a point acts on several neighbouring taxels."""
 REACH = 6.0
-"""A taxel gets no force if its distance from the point of the force is larger than that of the nearest taxel
-by more than this number of kernel widths. Assumed: without the tilt (see `spread`), the weights of these
-taxels are below exp(-18) of the largest weight."""
+"""A taxel gets no force if it is farther from the point of the force than the nearest taxel, by more than
+this number of kernel widths. Assumed: such a taxel would get a negligible force, at most exp(-18) of the
+largest if the weights have no tilt (see `spread`)."""
 _SOFTNESS = 0.02
 """Penalty on the tilt of the weights (the linear term in their exponent). Assumed: it keeps the weights
 finite for a contact beyond the skin's edge."""
 _STEPS = 30
 _TOLERANCE = 1e-4
-"""The iteration of `_centre` stops when the gradient [kernel widths] of the minimised function is below this
-value. Assumed: this part of a width is less than a micrometre."""
+"""Newton's method in `_centre` stops when the gradient [kernel widths] is below this value. Assumed: for
+kernels up to 10 mm wide, this is less than a micrometre."""
 _LEAST = -60.0
-"""Logarithm of the weight below which a taxel's weight is negligible, relative to the largest weight."""
+"""Smallest logarithm of a taxel's weight; a smaller logarithm is raised to this value. The largest weight is
+1, so exp(-60) is negligible."""
 SHARE, _TRIAL, _LOGARITHM, _ACROSS, _UP, _NUMBERS = range(6)
 """Rows of the workspace. The shape of the workspace for n taxels is (6, m), where m is at least n and at
 least 8.
 
-- `SHARE`, `_TRIAL`: shares of the force on the taxels, and trial shares.
-- `_LOGARITHM`: logarithms of the weights without a tilt.
+- `SHARE`, `_TRIAL`: each taxel's fraction of the force, and weights that the iteration of `_centre` tries.
+- `_LOGARITHM`: logarithms of the Gaussian weights with which the iteration starts.
 - `_ACROSS`, `_UP`: offsets [widths] of the taxels in two directions.
-- `_NUMBERS`: sums for one tilt, see `_weigh`."""
+- `_NUMBERS`: six sums over the taxels that `_weigh` computes."""
 ROWS = 6
 
 
@@ -52,11 +53,12 @@ def spread(positions: Array, point: Array, normal: Array, sigma: float) -> Array
     """Returns the fraction (n,) of a force that each taxel gets (its share).
 
     The force acts at `point` (3,) [m], the taxels are at `positions` (n, 3) [m]. Shares are at least 0, and
-    their sum is 1. In projection along `normal` (3,), the mean of the taxels weighted by their shares is at
-    `point`, to 0.1 mm where taxels surround the point. For a point beyond the skin's edge, the weighted mean
-    is at the edge. These shares are local maximum-entropy weights: exp(lambda . x - x^2 / 2 sigma^2), with
-    one tilt lambda for all taxels (Arroyo and Ortiz 2006, doi:10.1002/nme.1534). In the sense of entropy, no
-    other weights with these properties are nearer to a Gaussian of width `sigma` [m].
+    their sum is 1. The mean position of the taxels, weighted by their shares, is at `point`, apart from an
+    offset along `normal` (3,). Where taxels surround the point, the error is at most a few percent of
+    `sigma`. For a point beyond the skin's edge, the weighted mean is at the edge. The shares are local
+    maximum-entropy weights (Arroyo and Ortiz 2006, doi:10.1002/nme.1534): proportional to exp(lambda . x -
+    |x|^2 / (2 sigma^2)) for a taxel at the offset x from `point`. The vector lambda, the tilt, is equal for
+    all taxels. Without it, the weights are those of a Gaussian of width `sigma` [m].
     """
     n = len(positions)
     near, work = np.empty(n, dtype=np.int64), np.empty((ROWS, max(n, 8)))
@@ -86,8 +88,9 @@ def _weigh(u: float, v: float, count: int, work: Array, row: int) -> float:
     """Computes the weight of each taxel for a tilt (u, v), and writes the weights into a row of the workspace
     `work`.
 
-    The largest weight is 1. Also writes the sums of the weights: plain, times offsets, and times products of
-    offsets. Returns the objective: the logarithm of the plain sum, plus the penalty.
+    The weights are scaled so that the largest is 1. Also writes six sums over the taxels: w, w a, w b, w a^2,
+    w a b and w b^2, for weights w and offsets (a, b). Returns the value that `_centre` minimises: the
+    logarithm of the sum of the unscaled weights, plus `_SOFTNESS` / 2 * (u^2 + v^2).
     """
     weights, logarithms, across, up = work[row], work[_LOGARITHM], work[_ACROSS], work[_UP]
     top = 0.0
@@ -117,8 +120,9 @@ def _weigh(u: float, v: float, count: int, work: Array, row: int) -> float:
 
 @inlined
 def _centre(count: int, work: Array) -> None:
-    """Writes the share of each of `count` taxels into `work`. The shares are proportional to exp(logarithm +
-    offset . tilt), with the logarithm and the offset of each taxel from `work`.
+    """Writes the share of each of `count` taxels into `work`. The shares are proportional to exp(l + offset .
+    tilt), with one tilt for all taxels. Each taxel's l (logarithm of its weight without a tilt) and offset
+    [kernel widths] from the point of the force are in `work`.
 
     The tilt is chosen so that the weighted mean of the taxels is near the point of the force. Newton's method
     finds the tilt as the minimum of the convex function log(S) + `_SOFTNESS` / 2 * tilt^2, where S is the sum

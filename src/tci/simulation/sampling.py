@@ -20,8 +20,8 @@ tangent and the third axis), position, normal and tangent."""
 NUMBERS = 13
 """Number of values in a slot, which contains the data of one contact."""
 WIDE = 0.02
-"""Kernel width [m] above which the shares of the taxels in a contact force are computed twice, see `_share`.
-Assumed: this is far above the width of a taxel."""
+"""Width [m] of the kernel above which the shares of the taxels in a contact force are computed a second time,
+to correct an error of the first result. Assumed: this is far above the width of a taxel."""
 SIDE = 0.2
 """Least cosine of the angle between a contact's outward normal and the taxels' normals at which the taxels
 measure the contact. A contact with a smaller cosine is on an end of a limb's skin, or on the rim or the back
@@ -30,11 +30,12 @@ on these ends, and above 0.7 at almost all other places."""
 SENSOR, FLOOR, BODY, BEGIN, END, CHANNEL, NODE, NODES, AXES, COUNT, DUE, TAKEN, TOUCHED, PRESSED = range(14)
 """Columns of a patch's integers:
 
-- `SENSOR`, `FLOOR`: first value of its slots and of its floor sensor in `sensordata`. -1: no floor sensor.
+- `SENSOR`, `FLOOR`: index in MuJoCo's `sensordata` of the first value of the patch's contact sensor and of
+  its floor sensor; `FLOOR` is -1 if there is no floor sensor.
 - `BODY`: its link.
 - `BEGIN`, `END`: first taxel, and last taxel + 1.
 - `CHANNEL`: first channel.
-- `NODE`, `NODES`: first node of its response, and last node + 1.
+- `NODE`, `NODES`: first node of its response curve, and last node + 1.
 - `AXES`: number of axes of a taxel.
 - `COUNT`, `DUE`: sequence number of the latest frame, and step of the next frame.
 - `TAKEN`, `TOUCHED`, `PRESSED`: step, number of contacts and number of active taxels of the latest frame."""
@@ -44,8 +45,9 @@ REST, PER_COUNT, SHEAR_PER_COUNT, RATE, WIDTH, SIZE, OUTWARD = range(7)
 - `REST`: rest value [counts] of the sensor.
 - `PER_COUNT`, `SHEAR_PER_COUNT`: scales [Pa/count] of the sensor, for pressure and for tangential stress.
 - `RATE`: frames per step.
-- `WIDTH`, `SIZE`: width [m] of the kernel, and half of the patch's longest side [m].
-- `OUTWARD`: mean of its normals (3)."""
+- `WIDTH`, `SIZE`: widths [m] of the kernels that distribute a contact force and a force of the floor over the
+  taxels. `SIZE` is half of the patch's longest side.
+- `OUTWARD`: first of three columns with the direction of the patch's mean outward normal."""
 X, Y, AREA = 0, 3, 6
 """Columns (7) of the table of taxels: two tangents with 3 numbers each, and the area [m2]."""
 PRESSING, MARK = 2, 3
@@ -57,11 +59,12 @@ ALL, NEAR, ACTIVE, LATEST, AROUND = range(5)
 - `ALL`: all taxels.
 - `NEAR`: the taxels near a contact.
 - `ACTIVE`, `LATEST`: the active taxels now, and in the latest frame.
-- `AROUND`: the taxels around each contact. There is one row for each slot, and one for the floor."""
+- `AROUND`: first of several rows with the taxels around one contact each. There are `SLOTS` such rows, and a
+  last row for contact with the floor."""
 CENTRE, RADIUS, MEMBERS = 0, 3, 4
-"""Columns that describe a list `AROUND`: its centre [m] (3 columns), its radius [widths of the kernel], and
-the number of its taxels. The list contains the taxels that are nearer to the centre than the radius. A patch
-has one list for each slot, and one for the floor."""
+"""Columns of a table with one row for each list `AROUND`. The list contains the taxels in a sphere. The
+columns are the sphere's centre [m] (3 columns) and radius [widths of the kernel], and the number of taxels in
+the list."""
 SKIN = returns(
     reads(1), reads(2), reads(2), writes(2, int64), reads(2), reads(2), reads(2), reads(1, int64), reads(2),
     writes(2), writes(2, int64), writes(2), writes(2), writes(1),
@@ -71,7 +74,7 @@ SKIN = returns(
 - MuJoCo's sensors, and positions and orientations of links.
 - Integers and floats of the patches.
 - Positions of taxels, their tangents and areas, and their channels.
-- Nodes of responses, load on taxels, lists of taxels, centres of the lists.
+- Nodes of response curves, forces on taxels, lists of taxels (see `ALL`), places of lists (see `CENTRE`).
 - Workspace, and values of the channels."""
 Arrays = tuple[Array, ...]
 _SLACK = 1.0
@@ -95,9 +98,9 @@ def _share(
     each of them.
 
     Writes the taxels into the row `NEAR` of `lists`, and the shares into `work` (see `kernel.spread`).
-    Returns the number of these taxels. For a kernel wider than WIDE, the mean position of the taxels,
-    weighted by these shares, is not exactly at `point`. The shares are then computed again for a point that
-    corrects this error.
+    Returns the number of these taxels. With a wide kernel (`sigma` [m] above `WIDE`), the mean position of
+    the taxels, weighted by these shares, is not exactly at `point`. The shares are then computed again for a
+    point that corrects this error.
     """
     near, around, count = lists[NEAR], lists[AROUND + row], 0
     for _ in range(2 if sigma > WIDE else 1):
@@ -130,11 +133,11 @@ def _share(
 
 @inlined
 def _feels(normal: Array, count: int, taxels: Array, lists: Array, work: Array) -> bool:
-    """Returns True if taxels measure a contact with this outward `normal` (3,): if the angle between this
-    normal and their normals is small enough, see `SIDE`.
+    """Returns True if the taxels near a contact measure it: if its outward `normal` (3,) is close enough to
+    their mean normal, see `SIDE`.
 
-    The taxels are in the row `NEAR` of `lists`. The normal of a taxel is the cross product of its
-    tangents."""
+    The row `NEAR` of `lists` contains these `count` taxels, the row `SHARE` of `work` their weights in the
+    mean. The normal of a taxel is the cross product of its tangents."""
     cosine = 0.0
     for j in range(count):
         row = taxels[lists[NEAR, j]]
@@ -176,12 +179,12 @@ def _add(
 def press(patch: int, skin: Arrays) -> tuple[int, int]:
     """Finds the active taxels of a patch and the forces on them.
 
-    Writes the indices of the active taxels into the row `ACTIVE` of the lists in `skin`, and the forces [N]
-    into the load in `skin`. Returns the number of contacts and the number of active taxels.
+    Writes the active taxels and the forces [N] on them into `skin` (see `ACTIVE` and `PRESSING`). Returns the
+    number of contacts and the number of active taxels.
 
     A contact on an end of a limb's skin, where there are no taxels, has no effect on taxels (see `SIDE`).
-    Contacts with a floor are counted only if there is no other contact. If there are more contacts than
-    slots, forces are not computed, and the number of active taxels is 0.
+    Contacts with a floor are counted only if there is no other contact. With more than `SLOTS` contacts,
+    forces are not computed, and no taxel is active.
     """
     sensors, centres, turns, patches, floats, positions, taxels, _, _, load, lists, spots, work, _ = skin
     integers, numbers = patches[patch], floats[patch]

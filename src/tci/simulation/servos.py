@@ -1,6 +1,6 @@
 """Simulated servos: stiff, critically damped, and limited in speed and torque.
 
-In torque mode a servo is a plain motor.
+In torque mode a servo exerts the commanded torque, and does not control the joint's angle.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class Servos:
         self.places = np.zeros((6, len(moving)), dtype=np.int64)
         """Indices and modes of the moving joints. The module `stepping` lists the rows of this array."""
         self.asked = np.zeros((2, len(home)))
-        """Targets and torques of all servos. The module `stepping` lists the rows of this array."""
+        """Commands (2, n) to all servos: target angles [rad], and torques [N m]."""
         self.state[at.LAG] = speed * 2.0 * TIME_CONSTANT
         self.places[: at.LOOSE] = self.moving, self.addresses, self._dofs, self._actuators
         self._targets, self._torques = self.asked
@@ -84,8 +84,8 @@ class Servos:
     def _set_up(self, robot: Robot) -> tuple[Array, Array]:
         """Sets motor inertia and torque limit of each moving joint.
 
-        Returns the stiffness [N m/rad] and the damping [N m s/rad] of each moving joint at a stiffness
-        fraction of 1.
+        Returns the full stiffness [N m/rad] of each moving joint, and the damping [N m s/rad] at full
+        stiffness.
         """
         model, data = self._physics.model, self._physics.data
         inertia = _largest_inertia(model, data, self._dofs)
@@ -239,7 +239,7 @@ class Servos:
         return found
 
     def _apply_gains(self) -> None:
-        """Writes the gains.
+        """Writes the stiffness and damping of all servos to the physics model.
 
         Damping is proportional to the square root of the stiffness, so that the servos stay critically
         damped.

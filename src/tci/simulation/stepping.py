@@ -22,14 +22,16 @@ SETPOINT, STRIDE, LAG, LEAD, RATIO, SHIFT, ADVANCE = range(7)
 """Rows of the state of moving joints (7, k):
 
 - `SETPOINT`, `STRIDE`: set-point [rad], and its largest change per step.
-- `LAG`: limit [rad] of the position error on which the servo acts.
-- `LEAD`: number of steps by which damping looks ahead.
+- `LAG`: value [rad] at which the servo clips its position error (not in impedance mode), which limits its
+  speed.
+- `LEAD`: damping / (stiffness x step) in impedance mode, so that damping acts on the velocity error; else 0.
 - `RATIO`, `SHIFT`: angle of the joint per angle of its servo, and angle [rad] of the joint at its servo's
   zero.
 - `ADVANCE`: change [rad] of the set-point in the latest step."""
 SERVO, ADDRESS, DOF, ACTUATOR, LOOSE, YIELDING = range(6)
-"""Rows of the indices of moving joints (6, k): the servo, and the places in `qpos`, `qvel` and `ctrl`. The
-last two rows are flags: 1 in torque mode, and 1 in impedance mode."""
+"""Rows of an array of integers (6, k) for k moving joints. The first four rows are indices: of the servo, and
+of the joint in `qpos`, `qvel` and `ctrl`. The last two rows are flags: 1 in torque mode, and 1 in impedance
+mode."""
 TARGET, TORQUE = range(2)
 """Rows of the commands to all servos (2, n): target angles [rad], and torques [N m]."""
 ACTIVE, BEGIN, SPEED, DEPTH, LEADS, PATH, END, FORCE, FIRST, LOST, PEAK = range(11)
@@ -38,25 +40,26 @@ ACTIVE, BEGIN, SPEED, DEPTH, LEADS, PATH, END, FORCE, FIRST, LOST, PEAK = range(
 - `ACTIVE`: 1 if the finger is present.
 - `BEGIN`, `SPEED`, `DEPTH`: start time, speed and depth of the poke.
 - `LEADS`: ratio of damping to stiffness.
-- `PATH`, `END`: path of the base so far, and end of the path.
+- `PATH`, `END`: distance [m] that the finger's base has moved so far, and distance at which the base stops.
 - `FORCE`, `PEAK`: contact force, and largest contact force.
 - `FIRST`, `LOST`: times [s] of the first contact, and of its latest loss."""
 TIP, TIP_SENSOR, TRACED, AHEAD = range(4)
-"""Indices of the array of integers (`Physics.whole`): the finger's actuator, the finger's sensor, the number
-of steps in the trace, and the number of the step of which `_look_ahead` has already computed a part."""
+"""Positions in the array of integers (`Physics.whole`) of these values: the finger's actuator, the finger's
+sensor, the number of steps in the trace, and the number of the step that `_look_ahead` has partly computed in
+advance."""
 MOVED = returns(reads(1), reads(1), writes(1), reads(1), reads(1))
 """Numba types of the arrays on which the next step depends: MuJoCo's `qpos`, `qvel`, `ctrl`, `qfrc_applied`
 and `xfrc_applied`, each as one row of numbers."""
 ENGINE = returns(int64, int64)
 """Numba types of the addresses of MuJoCo's model and data."""
 KEPT = returns(writes(1), writes(1), writes(1, int64))
-"""Numba types of the arrays that a step stores for the next step: the solver's result, from which the next
-solution starts (MuJoCo's warm start); the inputs of the step that was computed in advance; and the
-integers."""
+"""Numba types of three arrays that a step leaves for the next step. They contain the solver's result
+(MuJoCo's warm start), the inputs of the step that was computed in advance, and the integers of
+`Physics.whole`."""
 SERVOS = returns(writes(2), reads(2, int64), reads(2))
 """Numba types of the servos' arrays: states and indices of the moving joints, and commands of all servos."""
 FINGER = returns(writes(1), writes(2))
-"""Numba types of the finger's state and of its trace."""
+"""Numba types of the finger's state (11,), and of the record (steps, 3) of its past steps."""
 JOINT, VELOCITY, MOTOR = range(3)
 """Rows of the measurements of all servos (3, n): angles [rad], velocities [rad/s] and motor torques [N m]."""
 
@@ -267,7 +270,8 @@ def march(
 def measure(
     qpos: Array, qvel: Array, forces: Array, places: Array, asked: Array, servos: Array, found: Array
 ) -> int:
-    """Writes angles [rad], velocities [rad/s] and motor torques [N m] of all servos (3, n).
+    """Writes the angles [rad], velocities [rad/s] and motor torques [N m] of all servos into the rows of
+    `found` (3, n).
 
     For a servo without a joint, the angle is its target. For a servo with several joints, angle and velocity
     come from the first joint.
@@ -296,7 +300,7 @@ def _fault(servos: Array, values: Array, count: int) -> int:
 
 @compiled(int64(views(1, int64), views(1), int64))
 def fault_of(servos: Array, values: Array, count: int) -> int:
-    """Checks `values` (k,) for `servos` (k,), which must be below `count`.
+    """Checks `values` (k,) for `servos` (k,), whose indices must be 0 to `count` - 1.
 
     Returns 1 for an invalid servo, 2 for a value that is not finite, and 0 if all are valid.
     """
@@ -309,9 +313,9 @@ def aim(
 ) -> int:
     """Sets targets `angles` (k,) [rad] of `servos` (k,).
 
-    The set-points reach the targets in `steps` steps, or in more steps if a joint would otherwise move by
-    more than `top` (moving,) [rad] per step. Returns the result of `fault_of`, and sets nothing unless all
-    servos and angles are valid.
+    Each set-point reaches its target in `steps` steps, or in more steps if its joint would otherwise exceed
+    its value in `top` [rad] per step. Returns 0, or 1 for an invalid servo and 2 for an angle that is not
+    finite; in these two cases nothing is set.
     """
     fault = _fault(servos, angles, asked.shape[1])
     if fault:

@@ -45,8 +45,8 @@ class Taxels:
         self._generator = generator
         self._surfaces, self._imperfection = surfaces, imperfection
         self.noisy = noise > 0.0 or imperfection is not None
-        """True if frames have noise or imperfections. Noise and imperfections are added after each step with
-        a frame."""
+        """True if frames have noise or imperfections. The physics then pauses at each new frame, so that they
+        can be added."""
         self._imperfect: list[ImperfectTaxels] = []
         self._integers = np.zeros((len(patches), 14), dtype=np.int64)
         floats, positions, taxels, channels, nodes = (
@@ -116,7 +116,8 @@ class Taxels:
         return int(self._integers[:, at.DUE].min(initial=_NEVER))
 
     def reset(self) -> None:
-        """Takes the first frame of each patch now. Raises TciError as `frames` does."""
+        """Takes the first frame of each patch now. Raises TciError if a patch has more contacts at a time
+        than its sensor can report."""
         self._physics.refresh()
         self._integers[:, at.COUNT] = -1
         for number in range(len(self._patches)):
@@ -176,8 +177,8 @@ class Taxels:
     def vectors(self, patch: str) -> Array:
         """Returns the current force (taxels, 3) [N] on each taxel of a patch.
 
-        The components are along x, along y, and along the inward normal. Raises TciError if the patch has
-        more contacts than its sensor can report.
+        The components are along the taxel's own x and y axes, which are tangential to the skin, and along its
+        inward normal. Raises TciError if the patch has more contacts than its sensor can report.
         """
         self._physics.refresh()
         number = self.worn[patch]

@@ -130,8 +130,8 @@ def _solid(surface: Surface) -> tuple[Array, NDArray[np.intp]]:
 
     If there are no faces, MuJoCo uses the faces of the convex hull.
 
-    The taxels of a limb enclose a body. Each taxel of a sheet, and each single taxel, becomes a plate with
-    the taxel's area.
+    If the skin surrounds a limb, the taxels are the vertices of the body. On other skin, each taxel becomes a
+    plate with the taxel's area.
     """
     if len(surface.faces) and not is_sheet(surface.normals):
         return surface.positions, surface.faces

@@ -226,7 +226,8 @@ class World:
 
     @property
     def stiffness(self) -> Array:
-        """Full stiffness (n,) [N m/rad] of each servo. Assumed: see `servos.TIME_CONSTANT`."""
+        """Full stiffness (n,) [N m/rad] of each servo. Assumed: all servos respond with one time constant
+        (`servos.TIME_CONSTANT`)."""
         return self._servos.stiffness
 
     def set_stiffness(self, servos: ArrayLike, share: ArrayLike) -> None:
@@ -291,7 +292,8 @@ class World:
     ) -> tuple[Array, Array]:
         """Returns the position (3,) [m] and outward normal (3,) of a point on the skin, in the world frame.
 
-        The arguments are those of `skin_point`.
+        `place` is a taxel, or a point (3,) [m] in the frame of the patch's link. For `normal` and for errors
+        see `skin_point`.
         """
         return self._skin.point(patch, place, normal)
 

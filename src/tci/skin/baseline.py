@@ -56,9 +56,9 @@ class BaselineSettings:
     """A taxel counts as noisy if its value differs from its previous value in at least this fraction of
     frames."""
     lively: float = 0.4
-    """A taxel with at least this noise [counts] counts as frozen if its value stays constant for a window.
-    With this noise, the value of a healthy taxel differs from its previous value in a third of the frames. So
-    50 equal values of a healthy taxel occur by chance in one of 1e5 windows."""
+    """A taxel with at least this noise [counts] counts as frozen if its value stays constant for a window. By
+    chance, a healthy taxel with this noise sends 50 equal values, which is the shortest window, in about one
+    of 1e5 windows."""
     share: float = 0.25
     """Least fraction of the healthy taxels that must be quiet before their median counts as drift."""
 
@@ -66,7 +66,8 @@ class BaselineSettings:
     """Time [s] after which pressure on nearly all taxels counts as a step of the baseline. The present
     values then become the rest values. Soles are excepted, since they may carry weight for any time."""
     step_share: float = 0.9
-    """Least fraction of the healthy taxels that counts as "nearly all" for `step`."""
+    """Least fraction of the healthy taxels that must be pressed, for the time `step`, to count as a step of
+    the baseline."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -115,9 +116,9 @@ class Baseline:
         """True (n,) for each taxel that has been at rest in at least one estimation window."""
         initialised = np.zeros(count, dtype=bool)
         self.frozen = np.zeros(count, dtype=bool)
-        """True (n,) for each taxel with a measured noise of `lively` or more whose value was constant in the
-        latest window. The rest value and noise of such a taxel are not updated, also not in the first window
-        in which its value changes again."""
+        """True (n,) for each taxel that fluctuates at rest (measured noise of at least `settings.lively`),
+        but whose value was constant in the latest window. The rest value and noise of such a taxel are not
+        updated, also not in the first window in which its value changes again."""
         self._estimates = BaselineArrays(
             self.offset, self.noise, self.threshold, initialised, self.rested, self.frozen, np.zeros(count)
         )

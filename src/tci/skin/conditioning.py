@@ -204,10 +204,10 @@ class Conditioner:
         return True
 
     def update(self) -> bool:
-        """Does half of an update of a patch's estimates. Each estimation window that ends requires one update
-        of its patch, in two calls.
+        """Does half of the update of a patch's estimates that is due when an estimation window of this patch
+        has ended. A second call completes the update.
 
-        Returns False if no window has ended.
+        Returns False if no update is due.
 
         If this method is not called, `step` does the update when the next frame arrives, with an equal
         result. So a caller with spare time can call `update`, to shorten the next `step`.
@@ -291,8 +291,8 @@ class Conditioner:
                     self._note_anew(p)
 
     def _count_repeats(self, p: int) -> None:
-        """Adds the repeated frames to the statistics. Before this call, a frame with the values of the
-        previous frame is only counted."""
+        """Adds the repeated frames of the patch with index `p` to the statistics. A repeated frame has the
+        values of the previous frame, and until this call it is only counted."""
         memory, begin, own = self._memory, self.layout.arrays.begin, self.layout.taxels[p]
         blocks = memory.blocks[begin[p, BLOCK] : begin[p + 1, BLOCK]]
         repeats = blocks[:, REPEATS] + max(int(memory.patches[p, CONSTANT]), 0)
@@ -304,8 +304,8 @@ class Conditioner:
         memory.patches[p, CONSTANT] = min(memory.patches[p, CONSTANT], 0.0)
 
     def _note_anew(self, p: int) -> None:
-        """Marks all blocks of a patch, so that its next frame is processed in full, even if the values
-        repeat."""
+        """Ensures that the next frame of a patch is processed in full, even if its values are those of the
+        previous frame."""
         self._count_repeats(p)
         begin = self.layout.arrays.begin
         self._memory.blocks[begin[p, BLOCK] : begin[p + 1, BLOCK], REPEATED] = 0

@@ -42,9 +42,9 @@ class ContactSettings:
     """Least force [N] on the most strongly pressed taxel of a contact. Assumed: this is 3 counts on an iCub's
     forearm."""
     light: float = 0.05
-    """Least force [N] on the most strongly pressed taxel of a contact if this taxel's noise is known and its
-    value is two counts or more above rest. Assumed: on the sleeves of all robots in TCI, two counts are more
-    than this force, so only the two counts matter there."""
+    """Least force [N] that replaces `touch` if the taxel's noise is known and its value is two counts or more
+    above rest. Assumed: on the sleeves of all robots in TCI, two counts mean more force than this, so the two
+    counts decide alone."""
     floor: float = 0.01
     """An active taxel belongs to a contact only if the force on this taxel is at least this value [N]. The
     default is low enough to include the weak edge of a touch. Assumed: the default is below one count of an
@@ -142,7 +142,8 @@ class ContactFinder:
         return count, taxels, fresh[:waits]
 
     def _angles(self, posture: Mapping[str, Array]) -> Array:
-        """Returns the generic angles (parts, 4) [rad] of the limbs. Raises UnknownNameError."""
+        """Returns the first four generic angles (parts, 4) [rad] of each part that has skin on a limb; 0 for
+        parts that `posture` lacks. Raises UnknownNameError if `posture` lacks the part of a touched patch."""
         if not self._parts <= posture.keys():
             for p in self._clusters.counts.nonzero()[0].tolist():
                 if (part := self.layout.sites[p].part) not in posture:
@@ -181,8 +182,9 @@ def describe_touches(
 ) -> ContactArrays:
     """Returns a contact for each of `touches` (patch, taxel, force [N]). `touches` must be sorted by patch.
 
-    `poses` and `posture` are as in `ContactFinder.find`. The caller must set identity, onset and
-    displacement of the contacts.
+    `poses` (l, 4, 4) are the poses of the links in `SkinLayout.links`, and `posture` contains the generic
+    angles (n,) [rad] of each part with skin. The caller must set identity, onset and displacement of the
+    contacts.
     """
     count = len(touches)
     patches, taxels, forces = zip(*touches, strict=True)

@@ -65,8 +65,8 @@ class PatchEstimator:
 
         The first call updates rest values and noise, the second call health. Returns True after the second
         call. The work is divided into halves because a whole update would be the longest computation in a
-        period of a loop at 1 kHz. `statistics` (ROWS, n) and `status` (PATCH_COLUMNS,) are the patch's
-        arrays, see `kernels.condition`.
+        period of a loop at 1 kHz. `kernels.condition` lists the rows of `statistics` (ROWS, n), for n taxels,
+        and the elements of `status` (PATCH_COLUMNS,), for the patch.
         """
         if self._half is None:
             self._half = self._estimate(statistics, status)
@@ -91,12 +91,12 @@ class PatchEstimator:
         self.write_health(taxels, estimates)
 
     def write_health(self, taxels: slice, estimates: Estimates) -> None:
-        """Writes the fields `muted`, `least`, `onset` and `hidden` of `Estimates` for the taxels of this
-        patch.
+        """Writes which taxels of this patch are ignored (`muted`), and the pressures `least`, `onset` and
+        `hidden`, which `Estimates` explains.
 
         The pressure `least`, above which a taxel is active, corresponds to at least one count. The pressure
-        `hidden`, below which a taxel does not measure the edge of a touch, corresponds to at least half a
-        count.
+        `hidden`, below which the faint edge of a touch is not measured, corresponds to at least half a count;
+        it is 0 for taxels on which touches have no gradual edge.
         """
         threshold = self.baseline.threshold
         least = self._pressure(np.maximum(threshold, 1.0))

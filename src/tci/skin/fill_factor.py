@@ -24,16 +24,16 @@ error is small, since only 4 % of the volume under a two-dimensional Gaussian li
 SPARSE = 2
 """On a dense skin, each taxel has at least this many neighbours within `NEIGHBOUR_DISTANCE`. A taxel with
 fewer neighbours measures a single place (switches, bumpers, load cells). The fill factor of such a taxel is
-1. `IsolatedSettings` uses an equal bound for isolated taxels."""
+1."""
 _CHUNK = 8192
 
 
 def is_surface(surface: Surface) -> NDArray[np.bool_]:
-    """Returns True for each taxel (n,) where the pressure of a touch decreases gradually towards the edge of
-    the touch.
+    """Returns True for each taxel (n,) on a dense skin around a body part, where the pressure of a touch
+    decreases gradually towards the edge of the touch.
 
-    The result is False for taxels with fewer than `SPARSE` neighbours, and for all taxels of a sheet (a palm,
-    a sole, a cap, a single taxel).
+    The result is False for taxels with fewer than two neighbours (`SPARSE`), and for all taxels of a sheet (a
+    palm, a sole, a cap, a single taxel).
     """
     if is_sheet(surface.normals):
         return np.zeros(len(surface.positions), np.bool_)
@@ -41,8 +41,8 @@ def is_surface(surface: Surface) -> NDArray[np.bool_]:
 
 
 def fill_factors(surface: Surface) -> Array:
-    """Returns the fill factor (n, 4) around each of a patch's n taxels, with one column for each width in
-    WIDTHS.
+    """Returns the fill factor (n, 4) around each of a patch's n taxels. The columns are averages over areas
+    of increasing width (`WIDTHS`).
 
     The factor is 1 at places without gaps nearby. On a sheet (a palm, a sole, a cap) the fill factor is 1.
     The reasons: the body part ends at the edge of the sheet, and a rigid plate passes the load to the taxels.

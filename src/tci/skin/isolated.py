@@ -17,8 +17,8 @@ from tci.errors import TciError
 from tci.frames import Array
 
 EARLY = 1e-6
-"""Time [s] by which the required duration is shortened. This tolerance allows for rounding of the frame's
-stamp."""
+"""Time [s] that is subtracted from the time for which an isolated taxel must be pressed to be a contact. This
+tolerance allows for rounding of the frame's stamp."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,7 +39,7 @@ CELLS_PER_FACE = 8
 def normal_channels(patch: Patch, surface: Surface) -> NDArray[np.intp]:
     """Returns the index (n,) in the raw frame of the value along each taxel's normal.
 
-    A three-axis taxel sends x, y and z in turn: two along the skin, one outward.
+    A three-axis taxel has three successive values: x and y along the skin, and z outward.
     """
     if patch.sensor.axes == 1:
         return surface.channels
@@ -61,7 +61,8 @@ class SkinPatch:
 
     @property
     def channels(self) -> NDArray[np.intp]:
-        """Index (n,) in the raw frame of the value along each taxel's normal."""
+        """Index (n,) of each taxel's value in the raw frame. Three-axis taxels have three values: the index
+        is that of the value along the normal."""
         return normal_channels(self.description, self.surface)
 
     @property
@@ -89,9 +90,10 @@ class SkinPatch:
         return linear * np.array(measured) if measured else np.full(len(self.channels), linear)
 
     def response(self, counts: Array) -> Array:
-        """Returns the response (n,) to deviations [counts] along the normal, without the factor `gain`.
+        """Converts deviations (n,) [counts] along the taxels' normals by the response curve of the sensor.
+        The result (n,), multiplied by `gain`, is the pressure [Pa].
 
-        Deviations beyond the last node get the response of the last node.
+        Deviations beyond the last point of the curve give the result of the last point.
         """
         return np.interp(counts, *self.nodes) if self.nodes.size else counts
 
@@ -251,7 +253,7 @@ def _arrays(patches: Sequence[SkinPatch], on: Places) -> LayoutArrays:
 
 
 def _fill(one: SkinPatch) -> Array:
-    """Returns the rows of `LayoutArrays.fill` for one patch.
+    """Returns the fill factor (n, w) around each of a patch's n taxels, for each of the w widths in WIDTHS.
 
     The fill factors are 1 for a patch on which touches are detected through joint torques.
     """
@@ -283,13 +285,15 @@ def _dtype(sensors: Sequence[Sensor]) -> np.dtype[Any]:
 
 
 def _sensor(patch: SkinPatch) -> tuple[float, float, float, float, float]:
-    """Returns the row of `LayoutArrays.sensor` for one patch."""
+    """Returns the properties of a patch's sensor: lowest and highest raw value, rest value, polarity (-1 if
+    pressure decreases the raw values, else 1), and largest deviation [counts]."""
     one = patch.description.sensor
     return one.lowest, one.highest, one.rest, float(np.sign(one.pascal_per_count)), patch.full
 
 
 def _spans(channels: NDArray[np.intp]) -> list[tuple[int, int, bool]]:
-    """Returns the rows of `LayoutArrays.span` for one patch."""
+    """Returns for each block of taxels of one patch: first channel, last channel + 1, and True if the
+    channels are consecutive."""
     blocks = [channels[first : first + BLOCK_SIZE] for first in range(0, len(channels), BLOCK_SIZE)]
     return [
         (int(own.min()), int(own.max()) + 1, np.array_equal(own, own[0] + np.arange(len(own))))
@@ -300,8 +304,9 @@ def _spans(channels: NDArray[np.intp]) -> list[tuple[int, int, bool]]:
 def _grid(surface: Surface) -> tuple[Array, Places, Places]:
     """Returns a surface's grid of cells.
 
-    The result consists of three arrays: `LayoutArrays.box` (7,) of the patch, the index (cells + 1,) of each
-    cell's first face in the third array, and the faces of all cells, cell by cell.
+    The result consists of three arrays: position and size of the grid (7,), as in `LayoutArrays.box`; the
+    place (cells + 1,) in the third array at which each cell's faces begin; and the faces of all cells, cell
+    by cell.
     """
     if not len(surface.faces):
         return np.zeros(7), np.zeros(1, np.int64), np.zeros(0, np.int64)

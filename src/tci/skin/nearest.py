@@ -18,9 +18,10 @@ def nearest_on_faces(
 ) -> tuple[NDArray[np.intp], Array, Array]:
     """Finds the nearest face for each of `points` (k, 3).
 
-    Returns the face's corners (k, 3), weights (k, 3) and the nearest point (k, 3). The nearest point is the
-    mean of the corners with these weights. The weights are barycentric: 0..1, with sum 1. `vertices` (n, 3)
-    and `points` are given in one common frame. `faces` (f, 3) are indices of vertices.
+    Returns the indices (k, 3) of the face's corners in `vertices`, weights (k, 3) and the nearest point (k,
+    3). The nearest point is the mean of the corners with these weights. The weights are barycentric: 0..1,
+    with sum 1. `vertices` (n, 3) and `points` are given in one common frame. `faces` (f, 3) are indices of
+    vertices.
     """
     points = np.asarray(points, dtype=np.float64)
     a, b, c = vertices[faces].transpose(1, 0, 2)

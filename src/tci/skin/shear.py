@@ -75,8 +75,8 @@ class ForceVectors:
         self._vectors = {p: np.zeros((0, 3)) for p in self._shears}
 
     def step(self, which: Places, frames: Sequence[SkinFrame], active: ActiveTaxels) -> None:
-        """Processes the `frames` from which `active` was computed: one frame of each of the patches `which`
-        (k,)."""
+        """Updates the forces of the patches with the indices `which` (k,) from one frame of each. `active`
+        must have been computed from these `frames`."""
         if not self._shears:
             return
         for p, frame in zip(which.tolist(), frames, strict=True):

@@ -27,7 +27,8 @@ class Skin:
     def __init__(self, robot: Robot) -> None:
         """Builds the surface of every patch.
 
-        Raises the errors that KinematicChain and build_surface raise.
+        Raises DescriptionError if the robot has no valid model, or if a patch does not fit the model or its
+        own files. Raises UnknownNameError if the model lacks the link or a frame of a patch.
         """
         self.robot = robot
         self.kinematics = KinematicChain(robot)
@@ -65,11 +66,13 @@ class Skin:
         return u, theta, np.hypot(points_S[:, 0], points_S[:, 1])
 
     def link_pose(self, link: str, joints: JointReading) -> Array:
-        """Returns `T_TL` (4, 4) of any link of the model. Raises UnknownNameError for an unknown link."""
+        """Returns the pose `T_TL` (4, 4) of any link of the model in the torso frame. Raises UnknownNameError
+        for an unknown link."""
         return self.kinematics.poses(joints.position, (link,))[link]
 
     def segment_pose(self, part: str, segment: str, joints: JointReading, posture: Array) -> Array:
-        """Returns `T_TS` (4, 4) of a part's segment at the generic angles `posture` (n,) [rad].
+        """Returns `T_TS` (4, 4), the pose of a part's segment in the torso frame, at the generic angles
+        `posture` (n,) [rad].
 
         Raises UnknownNameError for an unknown part or segment. Raises TciError for a segment without a
         generic limb.
@@ -97,7 +100,7 @@ class Skin:
 
 
 def segment_pose(part: GenericPart, segment: Segment, T_TL: Array, posture: Array) -> Array:
-    """Returns `T_TS` (4, 4) of a segment.
+    """Returns the pose (4, 4) of a segment's frame S in the torso frame.
 
     `T_TL` is the pose of the link to which the segment's origin refers. The frame S does not turn when the
     segment rotates about its axis. The reason: iCub's forearm skin turns with pronation, but NAO's sleeve

@@ -28,9 +28,9 @@ NEIGHBOUR_DISTANCE = 0.015
 iCub's skinManager."""
 
 PITCHES = 2.3
-"""Largest distance between neighbouring taxels, as a multiple of the pitch of a dense lattice. On an iCub
-this distance is 15 mm. Assumed: a failed taxel must not divide a contact, so the value is above two steps of
-the lattice."""
+"""Largest distance between neighbouring taxels, as a multiple of the pitch of the patch's lattice of taxels.
+On an iCub this distance is 15 mm. Assumed: a failed taxel must not divide a contact, so the value is above
+two steps of the lattice."""
 
 GAP = 0.025
 """Width [m] of the widest gap in a skin over which taxels can be neighbours. Assumed: the widest gap in an
@@ -74,7 +74,8 @@ class Surface:
     uses the convex hull of the faces for collisions. If all taxels are on one line, there are no faces."""
     tangents: Array | None = None
     """Unit x axes (n, 3) of three-axis taxels, in the frame of the link. The y axis is the cross product of
-    normal and x axis. None means the axes that the function `tangents` returns."""
+    normal and x axis. None means default axes: projections of the link's x axis or y axis (see the function
+    `tangents`)."""
 
     def project(self, points: Array) -> tuple[Array, Array]:
         """Returns the points of the surface that are nearest to `points` (k, 3) [m].
@@ -150,8 +151,8 @@ def surfaces_of(robot: Robot) -> tuple[Surface, ...]:
 
 
 def mount_of(patch: Patch) -> Array:
-    """Returns the transform (4, 4) with the `xyz` and `rpy` of a patch. This transform moves the patch's
-    taxels in the frame of the link."""
+    """Returns the transform (4, 4) with the `xyz` and `rpy` of a patch. Applied to the described positions of
+    the taxels, it gives their positions in the frame of the link."""
     return transform(rotation_rpy(*patch.rpy), np.array(patch.xyz))
 
 

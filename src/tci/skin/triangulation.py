@@ -18,16 +18,17 @@ SHEET = 0.3
 72 degrees. Assumed: all normals of a palm or a sole are well within this angle, but normals of a limb point
 in all directions around the limb."""
 OFF = 1e-3
-"""Largest distance [m] of a taxel from its projection onto the triangles. Assumed: the rounding of positions
-in skin files causes smaller distances."""
+"""Largest distance [m] of a taxel from the nearest corner of a triangle. If a taxel is farther away,
+`triangulate` returns no triangles. Assumed: the rounding of positions in skin files causes smaller distances.
+"""
 TIE = 1e-6
 """Standard deviation [m] of the small random shifts of taxels that decide between equally good triangles. The
 unrolled skin of a limb is copied to both of its sides. Without these shifts, the triangles of a regular
 lattice would differ between these copies."""
 
 FLAT = 1e-9
-"""The corners of a triangle count as being on one line if twice its area, divided by the square of its longer
-edge, is below this value. Assumed: rounding errors are smaller."""
+"""Three taxels count as being on one line if twice the area of their triangle, divided by the square of the
+longer edge at the first taxel, is at most this value. Assumed: rounding errors are smaller."""
 
 _NONE = np.zeros((0, 3), np.intp)
 
@@ -42,8 +43,8 @@ def is_sheet(normals: Array) -> bool:
 def triangulate(positions: Array, normals: Array) -> NDArray[np.intp]:
     """Returns triangles (f, 3) between taxels at `positions` (n, 3) [m] with `normals` (n, 3).
 
-    The result is empty for taxels on one line, or if a taxel is farther than OFF from its projection onto the
-    triangles.
+    The result is empty for taxels on one line, or if a taxel is farther than OFF from the nearest corner of a
+    triangle.
     """
     places, index = np.unique(positions, axis=0, return_index=True)
     if len(places) < 3 or np.linalg.matrix_rank(places - places.mean(axis=0), tol=1e-6) < 2:

@@ -39,7 +39,7 @@ SKY = (208, 218, 230), (250, 250, 250)
 """Colours of the background, from top to bottom. These colours are darker than white, so that a white robot
 is visible."""
 Source = Session | Player
-"""A source of views: a running robot or a recorded one."""
+"""Source of the data that the page shows of one robot: the running robot, or a recording of it."""
 HINT = "**Click the skin of an arm** to poke it there. Drag to rotate, scroll to zoom."
 
 
@@ -58,7 +58,8 @@ class Viewer:
         use."""
         self.sources: Mapping[str, Source] = _by_key(sources)
         self.sessions = {key: source for key, source in self.sources.items() if isinstance(source, Session)}
-        """Sources with a running robot, by key. Recordings are not included."""
+        """Sources with a running robot, by the robot's name. A second robot with one name gets a number after
+        the name. Recordings are not included."""
         names = " and ".join(dict.fromkeys(_title(source) for source in sources))
         self.server, self.guard, self.address = open_server(host, port, label="TCI", title=f"{names} - TCI")
         self.pictures = 0

@@ -23,8 +23,8 @@ OUTSIDE = "touched outside all fields"
 REST = np.array([0.42, 0.45, 0.50])
 """Colour of taxels at rest outside all fields."""
 TINT = 0.6
-"""Fraction (0 to 1) of a field's colour in the colour of a resting taxel in this field. The colour is a
-mixture with `REST`."""
+"""Fraction (0 to 1) of a field's colour in the colour of a resting taxel in this field. The remaining
+fraction is the colour of taxels outside all fields."""
 
 
 def fields_of(capability: Capability[Any]) -> tuple[ReceptiveField, ...]:

@@ -33,7 +33,8 @@ ARROW = 0.02
 LONGEST = 0.15
 """Largest length [m] of a contact's arrow."""
 GAMMA = 2.2
-"""Exponent that converts a colour to linear light, the form in which viser expects the colours of a batch."""
+"""Exponent that converts a colour to linear light, the form in which viser expects the colours of batched
+meshes."""
 COVER = 0.012
 """Thickness [m] of the thickest cover over a taxel. The cover of an iCub's forearm is up to 10 mm thick."""
 ABOVE = 0.0008
@@ -233,8 +234,8 @@ class Figure:
         )
 
     def _lift(self, name: str) -> Array:
-        """Returns the height (taxels,) [m] of the link's cover over each taxel. The taxels are drawn on top
-        of the cover."""
+        """Returns the distance (taxels,) [m] from each taxel to the outside of the cover above it, or 0 if no
+        part of the link covers the taxel. The taxels are drawn on the outside of the cover."""
         surface = self.skin.surfaces[name]
         T_WL = self._pose(self._links[name])
         starts = apply(T_WL, surface.positions + COVER * surface.normals)

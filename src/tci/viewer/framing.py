@@ -6,7 +6,7 @@ import numpy as np
 import viser
 
 FOV, USUAL = 0.7, 0.8
-"""Vertical angle of view [rad] of a picture with the usual shape, and this shape: width divided by height."""
+"""Vertical angle of view [rad] of a usual picture, and the width of a usual picture divided by its height."""
 AROUND = 1.32, 1.2
 """Height and width of the area that the picture shows at the distance of the robots, as factors of the
 robots' height and width. Assumed: leaves room for moving arms."""

@@ -127,7 +127,7 @@ class Guard:
 
 
 def _bounded() -> type[ServerConnection]:
-    """Returns a class for the connections of one server. All these connections share a counter."""
+    """Returns a class for the connections of one server. The number of these connections is limited."""
     limit = ConnectionLimit()
 
     class Bounded(ServerConnection):
@@ -155,9 +155,9 @@ class LoopEvent(asyncio.Event):
     """An event that only the thread of the event loop may set. Other threads must use `call_soon_threadsafe`.
 
     viser sets the event that wakes its sender in two ways: by the safe call, and directly from other threads.
-    An error occurs if the direct call is executed after the sender's check of the event and before the sender
-    waits: the event is then set already, so the safe call has no effect. In this case the sender waits for
-    ever, and the page gets no more updates, although messages from the page still arrive.
+    The direct call may come after the sender has found the event unset, but before the sender waits for the
+    event. The safe call, which follows, then finds the event already set and wakes nobody. In this case the
+    sender waits for ever, and the page gets no more updates, although messages from the page still arrive.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:

@@ -16,9 +16,9 @@ CELL, COARSER = 0.003, 1.25
 """Edge [m] of the cubes in which vertices are merged, and the factor by which the edge is enlarged until
 there are few enough triangles. Assumed: a balance of detail and transfer time."""
 ENOUGH, COARSEST = 4000, 0.006
-"""Limits of the merging of vertices that lie in one cube. Merging with larger and larger cubes ends when one
-colour on one body has at most ENOUGH triangles, or before the cube's edge exceeds COARSEST [m]. On a body
-with skin, CELL replaces COARSEST. Assumed: a balance of detail and transfer time."""
+"""Vertices that lie in one cube are merged, with larger and larger cubes. ENOUGH: number of triangles of one
+colour on one body at which this ends. COARSEST: longest edge [m] of a cube. On a body with skin, the cubes
+are not enlarged. Assumed: a balance of detail and transfer time."""
 
 ROUND = 32
 """Number of sides of a round shape. Assumed: with so many sides the shape looks round on a screen."""
@@ -121,9 +121,9 @@ def _joined(shapes: list[tuple[Array, NDArray[np.intp]]]) -> tuple[Array, NDArra
 
 
 def _lighter(vertices: Array, faces: NDArray[np.intp], *, coarsest: float) -> tuple[Array, NDArray[np.intp]]:
-    """Reduces the number of triangles to at most ENOUGH: the vertices in each cube become their mean
-    (Rossignac and Borrel 1993). The edge of the cubes grows up to `coarsest` [m]; then more triangles may
-    remain."""
+    """Reduces the number of triangles: replaces the vertices in each cube by their mean (Rossignac and Borrel
+    1993). The edge of the cubes grows until few enough triangles remain (`ENOUGH`), but at most up to
+    `coarsest` [m]."""
     fewer, cell = (vertices, faces), CELL
     while len(fewer[1]) > ENOUGH and cell <= coarsest:
         fewer = _merged(vertices, faces, cell)

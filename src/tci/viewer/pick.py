@@ -20,9 +20,9 @@ def pick(figure: Figure, origin: Array, direction: Array) -> tuple[Place, float]
     """Returns the point at which a ray hits the skin of `figure`, a robot in the scene. Also returns the
     distance [m] of this point along the ray.
 
-    `origin` (3,) [m] and the unit vector `direction` (3,) define the ray. Returns None if the ray hits no
-    skin, or hits another surface first. If the distance between ray and skin is at most `NEAR`, the nearest
-    visible taxel is selected.
+    `origin` (3,) [m] and the unit vector `direction` (3,) define the ray. The ray hits the skin if it passes
+    a visible taxel at a distance of less than `NEAR` [m]. Returns None if the ray hits no skin, or hits
+    another surface first.
     """
     best: tuple[float, Place] | None = None
     for name, surface in figure.skin.surfaces.items():

@@ -75,7 +75,7 @@ class Playback:
             self._play(self._players if over else self._unfinished())
 
     def seek(self, moment: float) -> None:
-        """Pauses at a time [s] from the beginning."""
+        """Jumps to the time `moment` [s] from the beginning of every recording, and pauses there."""
         for player in self._players:
             player.pause()
             player.seek(player.begin + moment)

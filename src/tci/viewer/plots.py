@@ -101,7 +101,8 @@ def _top(rows: list[Array], least: float) -> float:
 
 
 def _around(rows: list[Array]) -> tuple[float, float]:
-    """Returns the ends of an angle axis: two multiples of `ANGLE`, with all values between them."""
+    """Returns the lower and upper end [deg] of an angle axis with all values of `rows`. The ends are
+    multiples of 15 degrees (`ANGLE`)."""
     low = np.floor((min(float(row.min()) for row in rows) - ROOM) / ANGLE) * ANGLE
     high = np.ceil((max(float(row.max()) for row in rows) + ROOM) / ANGLE) * ANGLE
     return float(low), float(high)

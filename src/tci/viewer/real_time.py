@@ -9,7 +9,7 @@ AHEAD = 0.03
 The processor needs less time if several periods are computed at once, without a wait after each period."""
 LATE = 0.1
 """Largest delay [s] behind real time that a simulation makes up for by faster steps. A larger delay is not
-made up for. Assumed: the time of three pictures."""
+made up for. Assumed: a person hardly sees that the simulation catches up by three pictures."""
 
 
 class RealTime:
@@ -19,8 +19,8 @@ class RealTime:
         self._zero: tuple[float, float] | None = None
 
     def forget(self) -> None:
-        """Makes the next `wait` start to measure the delay anew. Call this after a pause of the simulation:
-        the simulation then does not catch up on the pause."""
+        """Makes the next `wait` treat the simulation as exactly on time. Call this after a pause of the
+        simulation: the simulation then does not catch up on the pause."""
         self._zero = None
 
     def wait(self, now: float, pace: float) -> None:

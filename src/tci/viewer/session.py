@@ -199,7 +199,7 @@ class Session:
         return recorder
 
     def say(self, words: str) -> None:
-        """Adds an event."""
+        """Adds the text `words` to the list of events on the page."""
         self.events.append((self.view.time if self.view else 0.0, words))
 
     def _work(self) -> None:
@@ -284,7 +284,8 @@ class Session:
             self.say(rehearsal.words)
 
     def _tell_moves(self, tick: Tick) -> None:
-        """Adds an event for each contact and each command that follows a pause longer than QUIET."""
+        """Adds an event if a patch is touched, or a part is commanded, after a pause without touches of this
+        patch or commands of this part."""
         for contact in tick.perception.contacts:
             if tick.now - self._noted.get(contact.patch, -np.inf) > QUIET:
                 self.say(touched(contact, self.fields))

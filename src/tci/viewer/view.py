@@ -62,8 +62,8 @@ class History:
         self._latest: _Row | None = None
 
     def add(self, view: View) -> None:
-        """Adds a view. The history contains at most one sample per `SAMPLE`. If the view is older than the
-        last view, the history is cleared first."""
+        """Adds a view. The history contains at most one sample in 0.05 s (`SAMPLE`). If the view is older
+        than the last view, the history is cleared first."""
         if self._rows and view.time < self._rows[-1][0]:
             self.clear()
         _, force, response, _ = self._latest or (0.0, 0.0, 0.0, {})
@@ -80,7 +80,8 @@ class History:
         self._latest = None
 
     def series(self, part: str) -> tuple[Array, Array, Array, Array]:
-        """Returns time (k,) [s], force (k,) [N], response (k,) [rad/s] and posture (n, k) [rad] of a part."""
+        """Returns time (k,) [s], force (k,) [N], largest commanded servo speed (k,) [rad/s], and the posture
+        (n, k) [rad] of a part. Force and speed are those of the whole robot."""
         latest, rows = self._latest, list(self._rows)
         if latest is not None and rows and latest[0] > rows[-1][0]:
             rows.append(latest)

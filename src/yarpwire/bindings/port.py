@@ -87,8 +87,8 @@ class BindingsPort:
         close_port(self._port)
 
     def _is_free(self) -> bool:
-        """Returns True if YARP has sent the previous message. Waits at most `SENT` for this, since the
-        previous message may be only a moment old."""
+        """Returns True if YARP has sent the previous message. Waits at most `SENT` [s] until the message is
+        sent, since it may be only a moment old."""
         until = time.monotonic() + (0.0 if self._stuck else SENT)
         while self._port.isWriting():
             self._stuck = time.monotonic() >= until

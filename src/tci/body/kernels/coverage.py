@@ -15,7 +15,8 @@ from tci.robot.limb import RHO
 SEGMENT, X, Y, Z, RADIUS = range(5)
 """Rows of `places`: segment, three coordinates on the generic limb, and radius [limb lengths]."""
 LENGTH, SIDE, PLACE = 12, 13, 14
-"""Columns of `limb`, see `limb_numbers`."""
+"""Columns of `limb`: length [m] of the segment, side (+1 left, -1 right), and index of the segment in
+`SEGMENTS`."""
 
 
 @compiled(
@@ -42,8 +43,9 @@ def count_taxels(
         `limb_numbers`. posture: Generic angles [rad] of the part. positions: Positions (n, 3) [m] of the
         taxels of all patches, each in the link of its patch. begins: Indices (p + 1,) in `positions` at which
         the taxels of each patch begin; the last is n. masked: Mask (n,) of taxels that are not trusted.
-        places: Table (5, m) with one column for each place, and the rows `SEGMENT` to `RADIUS`. counts:
-        Output (2, m), to which the numbers of taxels and of masked taxels are added.
+        places: Table (5, m) with one column for each place: segment, three coordinates on the generic limb,
+        and radius [limb lengths]. counts: Output (2, m), to which the numbers of taxels and of masked taxels
+        are added.
     """
     for p in range(len(on)):
         x_S, y_S, z_S = limb_pose(poses[on[p, 0]], poses[on[p, 1]], limb[p], posture)

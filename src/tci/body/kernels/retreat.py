@@ -16,8 +16,9 @@ from tci.skin.kernels.arrays import LAYOUT, LayoutArrays
 from tci.skin.kernels.nearest import nearest
 
 FREE, LIMIT = 3, 4
-"""Columns of `Room.near`, after the position of the sphere's centre: length [m] of the path that is known to
-be free, and least permitted distance [m]."""
+"""Columns of `Room.near`, after the centre of the sphere (see `retreats`). `FREE`: length [m] of the path
+ahead on which surely no skin enters the sphere. `LIMIT`: distance [m] from the centre below which skin counts
+as inside the sphere."""
 STILL = 1e-9
 """Length of a path [m] up to which a link counts as not moved."""
 
@@ -29,14 +30,16 @@ class Chain(NamedTuple):
     steps: NDArray[np.int64]
     sums: Array
     ends: NDArray[np.int64]
-    """Index (p,) of the step (see `tci.robot.kinematics`) that ends at the link of each patch."""
+    """Index (p,) into `steps`, for each of p patches: the step that ends at the patch's link. A step leads
+    from one joint of the kinematic model to the next."""
 
 
 class Touched(NamedTuple):
     """Points of the skin that are touched."""
 
     after: NDArray[np.int64]
-    """Index (c,) into `Chain.steps`, for each touched point: the step that ends at the point's link."""
+    """Index (c,) in `Chain.steps` of the last step on the kinematic path to the link of each touched point.
+    """
     points: Array
     """Touched points (c, 3) [m], each in the frame of its link."""
     normals: Array
@@ -47,15 +50,16 @@ class Room(NamedTuple):
     """Work space of `retreats`, for c touched points, p patches and s steps."""
 
     work: Array
-    """Poses (s, 3, 4) in the world frame after each of the s steps of `Chain.steps`, for the current
-    posture."""
+    """Poses (s, 3, 4) in the world frame at the current posture, one after each of the s steps of the
+    kinematics from the base to the links."""
     first: Array
     """Initial points and normals (c, 3, 2) in the world frame."""
     near: Array
-    """State (c, p, 5) of each sphere relative to each patch: centre (3,) [m] in the patch's link, FREE and
-    LIMIT."""
+    """State (c, p, 5) of the sphere at each touched point relative to each patch: centre [m] in the frame of
+    the patch's link (3 columns), and the columns `FREE` and `LIMIT`."""
     found: Array
-    """Surface point nearest to the sphere's centre, and the normal at this point (2, 3)."""
+    """Rows (2, 3): the surface point [m] of a patch that is nearest to the centre of a touching sphere, and
+    the normal at this point."""
 
 
 CHAIN = record(Chain, reads(2, int64), reads(2, int64), reads(4), reads(1, int64))
@@ -133,10 +137,10 @@ def _depth(centre: Vector, p: int, layout: LayoutArrays, radius: float, near: Ar
     """Returns the greatest depth [m] by which a patch enters a sphere, while the sphere's centre moves from
     its last position to `centre` [m].
 
-    The positions are given in the patch's link. `near` (5,) is the row of `Room.near` for this sphere and
-    patch, and is updated. Only some points of the path are examined. If the skin is at a distance d from the
-    sphere at one point, it can't touch the sphere at points that are closer than d, so these are skipped
-    (sphere tracing, Hart 1996).
+    The positions are given in the patch's link. `near` (5,) is the state of this sphere relative to the patch
+    (see `Room.near`); the function updates it. Only some points of the path are examined. If the skin is at a
+    distance d from the sphere at one point, it can't touch the sphere at points that are closer than d, so
+    these are skipped (sphere tracing, Hart 1996).
     """
     x, y, z = near[0], near[1], near[2]
     u, v, w = centre[0] - x, centre[1] - y, centre[2] - z

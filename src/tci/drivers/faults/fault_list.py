@@ -1,5 +1,5 @@
 """The catalogue of faults. Each row contains a number, a description, the required reaction, and the test of
-the reaction. If a fault can't be tested because TCI lacks a part, the row names this part instead."""
+the reaction. If a fault can't be tested yet, the row names instead what TCI lacks for the test."""
 
 from __future__ import annotations
 

@@ -1,11 +1,9 @@
 """`lcm[:[NAME@]URL]`: a robot that `tci serve --via lcm` serves to any number of processes.
 
-| channel | content | from |
-|---|---|---|
-| `tci/NAME/state` | `tci_lcm.state_t`: joints, gate, commander; in every period | robot |
-| `tci/NAME/skin` | `tci_lcm.skin_t`: a frame of one patch, once | robot |
-| `tci/NAME/facts` | `tci_lcm.facts_t`: the robot's facts, once a second | robot |
-| `tci/NAME/orders` | `tci_lcm.orders_t`: orders and heartbeat, in every period | behaviour |
+| channel | content | from | |---|---|---| | `tci/NAME/state` | `tci_lcm.state_t`: joints, gate, commander; in
+every period | robot | | `tci/NAME/skin` | `tci_lcm.skin_t`: each new frame of a patch | robot | |
+`tci/NAME/facts` | `tci_lcm.facts_t`: the robot's facts, once a second | robot | | `tci/NAME/orders` |
+`tci_lcm.orders_t`: orders and heartbeat, in every period | behaviour |
 
 Every member of the multicast group may command the robot, since LCM has no passwords. By default, TCI joins
 the group on the loopback interface, so only programs on this machine can be members. A URL with ttl=1 opens
@@ -176,8 +174,8 @@ class LcmServer(RemoteServer):
         self._bus = _Bus(self._where)
         self._homes: dict[int, Address] = {}
         self.rejected = 0
-        """Number of rejected messages. Reasons are: the message has no valid orders for this robot, or the
-        orders have the client number of a process at another address."""
+        """Number of rejected messages. A message is rejected if it has no valid orders for this robot, or if
+        a process at another address has used its client number before."""
         self._facts, self._due = facts_bytes(driver.robot), -float("inf")
         self._open = True
 

@@ -122,8 +122,8 @@ class Lookout:
     background, at most once per `EVERY`."""
 
     def __init__(self, session: Any, *, was_off: bool) -> None:
-        """Prepares the queries. `was_off` is True if autonomous life was off or not started, and False if
-        autonomous life was on and may still be ending."""
+        """Prepares the queries of the state of autonomous life. `was_off` is True if autonomous life was off
+        or not started, and False if autonomous life was on and may still be ending."""
         self._session, self._was_off = session, was_off
         self._question = getattr(_service(session, LIFE), "getState", None)
         self._answer: Any = None

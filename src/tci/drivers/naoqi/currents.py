@@ -22,8 +22,8 @@ class Currents:
     """Converts the currents of all servos with a known constant to torques."""
 
     def __init__(self, robot: Robot, names: Sequence[str]) -> None:
-        """Prepares the conversion. `names` (n,) are the robot's own joint names. Raises the errors of
-        `joint_calibration`."""
+        """Prepares the conversion. `names` (n,) are the robot's own joint names. Raises TciError if the
+        robot's calibration file is faulty or belongs to another robot."""
         known = joint_calibration(robot).amperes
         servos = [servo.index for servo in robot.servos if servo.name in known]
         self._count, self._servos = len(robot.servos), np.array(servos, dtype=np.intp)

@@ -34,8 +34,8 @@ SWITCH_ON = 0.3
 stiffness. Assumed: several times `poller.SLOW`, the time between two stiffness requests."""
 LAST = 10.0
 """Longest time [s] for which `close` waits for a reconnection in progress. The reconnection may switch
-autonomous motions off, and `close` can switch them on again only after the reconnection. Assumed: twice
-`autonomy.PATIENCE`."""
+autonomous motions off, and `close` can switch them on again only after the reconnection. Assumed: a
+reconnection takes at most twice as long as the switching of one motion may take (`autonomy.PATIENCE`)."""
 
 
 class NaoqiDriver(Driver):

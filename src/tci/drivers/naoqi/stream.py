@@ -23,7 +23,8 @@ AHEAD. Assumed: two periods of ALMotion."""
 CATCH_UP = 0.05
 """Time [s] in which a servo reaches its target at the sent speed. The distance to the target is counted from
 the measured position or from the previous target, whichever is farther from the new target. Assumed: a little
-more than AHEAD, so that the servo neither arrives before the next target nor lags far behind."""
+more than the lead time of the targets, so that the servo neither arrives before the next target nor lags far
+behind."""
 LEAST = 0.02
 """Smallest fraction of the top speed that is sent. At speed zero, a servo would never arrive. Assumed: a
 larger fraction makes slow motions jerky."""
@@ -55,8 +56,8 @@ class Stream:
     def send(self, motion: Any, safe: SafeCommand, ahead: Array, measured: Array) -> None:
         """Sends targets to the servos (k,) of a command. A target that has not changed is not sent again.
 
-        `ahead` (k,) [rad] are the positions that the gate has planned for these servos for the time AHEAD
-        after now. `measured` (n,) [rad] are the measured positions of all servos.
+        `ahead` (k,) [rad] are the positions that the gate has planned for these servos, two periods of
+        ALMotion ahead. `measured` (n,) [rad] are the measured positions of all servos.
         """
         servos, now = safe.servos, safe.stamp
         target = np.clip(ahead, self.lower[servos], self.upper[servos])

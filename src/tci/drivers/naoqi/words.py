@@ -45,7 +45,8 @@ def skin_keys(robot: Robot, binding: Binding) -> dict[str, tuple[str, ...]]:
 
 
 def packed_key(key: str) -> str:
-    """Returns the ALMemory key of a frame as text. The frame's numbers have the key `key`."""
+    """Returns the ALMemory key under which a skin frame is stored as text. `key` is the key of the frame as a
+    vector of numbers."""
     return f"{key}/Packed"
 
 
@@ -63,7 +64,8 @@ def find_keys(keys: Mapping[str, tuple[str, ...]], attempt: Callable[[str], Any]
     switches are requested.
 
     `attempt` requests a single key, since some NAOqi versions refuse a whole list of keys if one key is
-    missing. `attempt` returns the value of the key, None if there is no value, or REFUSED.
+    missing. `attempt` returns the value of the key, None if there is no value, or the marker REFUSED if NAOqi
+    refuses the request.
     """
     asks = {}
     for patch, names in keys.items():

@@ -88,7 +88,7 @@ class Stream:
 
     def feed(self, data: bytes) -> Iterator[Message]:
         """Adds received bytes and yields the messages that are complete. Raises FrameError for a body longer
-        than MOST. After this error, the stream is no longer usable.
+        than 1 MiB (MOST). After this error, the stream is no longer usable.
         """
         self._bytes += data
         at = 0
@@ -116,7 +116,8 @@ def floats(values: Sequence[float] | Array) -> bytes:
 
 
 def to_floats(body: bytes) -> Array:
-    """Returns the numbers in bytes that `floats` returned. Raises FrameError if the bytes are invalid."""
+    """Returns the numbers in an array of 32-bit floats, given as bytes. Raises FrameError if the bytes are
+    invalid."""
     count = _count(body, 4)
     return doubles(np.frombuffer(body, dtype=">f4", count=count, offset=8))
 
@@ -171,8 +172,8 @@ def devices(found: Sequence[tuple[int, int]], robot: int) -> bytes:
 
 
 def to_devices(body: bytes) -> list[tuple[int, int]]:
-    """Returns interface and index of each device from bytes that `devices` returned. Raises FrameError if the
-    bytes are invalid."""
+    """Decodes a list of devices: returns interface and index of each device. Raises FrameError if the bytes
+    are invalid."""
     count = _count(body, 16)
     return [struct.unpack_from(">II", body, 16 + 16 * item) for item in range(count)]
 
@@ -207,7 +208,7 @@ def skin(values: NDArray[np.generic]) -> bytes:
 
 
 def to_skin(data: bytes, channels: int) -> NDArray[np.generic]:
-    """Returns the raw values from bytes that `skin` returned.
+    """Returns the raw skin values (channels,) in the bytes of an opaque message.
 
     Raises FrameError if the number of bytes is not 1, 2, 4 or 8 for each channel.
     """

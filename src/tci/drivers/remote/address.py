@@ -1,4 +1,5 @@
-"""Addresses of robots that other processes serve: `[NAME@][WHERE]`."""
+"""Addresses of robots that other processes serve: `[NAME@][WHERE]`. NAME is the robot's name on the network,
+WHERE an address in the middleware's own form."""
 
 from __future__ import annotations
 

@@ -39,9 +39,9 @@ shorter period than this. If a patch sends no frame in this time, the driver ope
 conditioning detects that the patch is dead."""
 WINDOW = 1.0
 """Length [s] of the time window that determines the normal delay of the transport. The normal delay is the
-shortest delay of all states that arrived in the window. A state with a longer delay has arrived late. A pause
-that is longer than the gate's `stale_after` counts as a pause of length `stale_after`. Assumed: many states
-arrive in this time."""
+shortest delay of all states that arrived in the window. A state with a longer delay has arrived late. A long
+gap between two states counts only as the gate's `stale_after` [s], so delays from before the gap stay in the
+window. Assumed: many states arrive in this time."""
 
 
 class RemoteDriver(Driver):
@@ -273,9 +273,9 @@ class RemoteDriver(Driver):
         self._shift = state.sent + self._delays[0][1] - state.now
 
     def _process_entry(self, commander: Commander) -> None:
-        """Reads this driver's entry in a state that the robot's process sent. Removes the orders that the
-        entry acknowledges from the pending orders, and raises DriverError if another process commands the
-        robot."""
+        """Processes what a state message of the robot's process says about this driver's orders. Acknowledged
+        orders are no longer pending; a refused order holds the robot. Raises DriverError if the order was
+        refused because another process commands the robot."""
         while self._pending and self._next - len(self._pending) <= commander.acknowledged:
             self._pending.popleft()
         if commander.refused > self._refused:

@@ -172,7 +172,8 @@ class SkinArrivals:
         """The latest frame. The value is None until a frame has arrived."""
 
     def receive(self, fields: Mapping[str, Any], values: NDArray[np.generic], arrival: float) -> None:
-        """Handles raw values that arrived at `arrival` [s]."""
+        """Stores raw values that arrived at `arrival` [s] as the latest frame, unless they are outdated.
+        `fields` contains their time stamp."""
         stamp = self._clock.place(stamp_of(fields), arrival)
         if stamp is None:
             return

@@ -71,7 +71,7 @@ class NativeRobot:
         return Reading(joints, tuple(frame for frame in frames if frame is not None))
 
     def forget(self) -> None:
-        """Deletes the stored positions of joints without a command.
+        """Deletes the stored positions at which joints without a command are held.
 
         The driver calls this after the robot was disconnected or halted, since the robot's posture may have
         changed.

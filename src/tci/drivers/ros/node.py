@@ -59,7 +59,7 @@ class RosNode(ABC):
         """Closes every topic. A second call does nothing."""
 
     def poll(self) -> None:  # noqa: B027 - a node with a thread needs none
-        """Passes the messages that have arrived to the callbacks. Does nothing if the node has its own
+        """Calls the callbacks with the messages that have arrived. Does nothing if the node has its own
         thread."""
 
     def supports(self, kind: MessageType) -> bool:

@@ -72,8 +72,9 @@ class DdsNode(RosNode):
     """A node on cyclonedds that looks like a node of ROS 2 to other nodes."""
 
     def __init__(self, name: str, namespace: str = "", *, reach: str = "LOCALHOST") -> None:
-        """Opens the node. `reach` is the range of discovery. Raises DriverError if an environment variable
-        has a value that is invalid or that Cyclone refuses.
+        """Opens the node. `reach` is the range in which nodes discover each other, a value of
+        ROS_AUTOMATIC_DISCOVERY_RANGE. Raises DriverError if an environment variable has a value that is
+        invalid or that Cyclone refuses.
         """
         super().__init__()
         self._id = _domain_id()

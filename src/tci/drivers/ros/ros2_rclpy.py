@@ -29,8 +29,9 @@ class RclpyNode(RosNode):
     callbacks."""
 
     def __init__(self, name: str, namespace: str = "", *, reach: str = "LOCALHOST") -> None:
-        """Opens the node. `reach` is the range of discovery. Raises DriverError if rclpy refuses the value of
-        an environment variable.
+        """Opens the node. `reach` is the range in which nodes discover each other, a value of
+        ROS_AUTOMATIC_DISCOVERY_RANGE. Raises DriverError if rclpy refuses the value of an environment
+        variable.
         """
         super().__init__()
         self._context = rclpy.context.Context()

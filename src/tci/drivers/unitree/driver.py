@@ -68,8 +68,8 @@ class UnitreeDriver(Driver):
         sensors, so that other drivers can read the skin.
 
         Raises DriverError if other machines may reach the interface, if no state arrives within `wait` [s],
-        or if an armed driver finds the robot not ready. Examples are a motor that reports an error, another
-        program that commands the robot, and the buttons L2+B on the remote.
+        or if an armed driver finds the robot not ready. The robot is not ready, for example, if a motor
+        reports an error, another program commands the robot, or L2+B is pressed on the remote.
         """
         self.where = parse_unitree(address)
         if skin:

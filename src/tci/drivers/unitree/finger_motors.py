@@ -48,8 +48,8 @@ class FingerMotors:
         self._due = Every(1.0 / RATE)
 
     def obey(self, safe: SafeCommand) -> None:
-        """Stores the targets in a command for this hand's motors. Motors without a command keep the previous
-        targets."""
+        """Stores the targets that a command contains for this hand's motors. Motors without a command keep
+        the previous targets."""
         hand = self.hand
         place = dict(zip(hand.servos.tolist(), hand.motors.tolist(), strict=True))
         for row, shares in enumerate((safe.stiffness, safe.damping)):

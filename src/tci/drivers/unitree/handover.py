@@ -65,8 +65,8 @@ class Handover:
     method."""
 
     def __init__(self, gains: Array, *, whole: bool) -> None:
-        """Stores the gains (2, 29) of full stiffness and damping. `whole` is True for control over
-        rt/lowcmd."""
+        """Stores the motors' gains (2, 29): row 0 is the full stiffness [N m/rad], row 1 the full damping [N
+        m s/rad]. `whole` is True for control over rt/lowcmd."""
         self.phase = Phase.WAITING
         self.weight = 0.0
         """For control over rt/arm_sdk: weight (0..1) of TCI's targets. For control over rt/lowcmd: fraction
@@ -97,9 +97,9 @@ class Handover:
         self.give()
 
     def follow(self, chosen: NDArray[np.bool_], targets: Array, posture: Array, now: float) -> None:
-        """Stores new targets (5, 29) for the `chosen` motors (29,). The targets of other motors do not
-        change. If a motor followed a torque and is no longer chosen, the motor's new target is the motor's
-        angle in `posture` (29,) [rad].
+        """Stores new targets (5, 29) for the `chosen` motors (29,): angle, velocity, torque and gains. The
+        targets of other motors do not change. If a motor followed a torque and is no longer chosen, the
+        motor's new target is the motor's angle in `posture` (29,) [rad].
         """
         if self.phase is not Phase.LEADING:
             return
@@ -113,7 +113,7 @@ class Handover:
 
     def give(self) -> None:
         """Begins to hand the motors back. Over rt/arm_sdk, the weight of TCI's targets falls from its present
-        value to 0, and the targets do not change. Over rt/lowcmd, the motors are damped for the time DAMPED.
+        value to 0, and the targets do not change. Over rt/lowcmd, the motors are damped for a short time.
         """
         if self.phase in (Phase.TAKING, Phase.LEADING):
             self.phase = Phase.GIVING
@@ -134,8 +134,8 @@ class Handover:
         goal[away] = posture[away]
 
     def step(self, now: float) -> Array:
-        """Advances the handover to the time `now` [s]. Returns the targets (5, 29) to send, with the rows `Q`
-        to `KD`."""
+        """Advances the handover to the time `now` [s]. Returns the targets (5, 29) to send; the rows are
+        angle, velocity, torque, stiffness and damping."""
         elapsed = min(max(now - self._now, 0.0), LONGEST)
         self._now = now
         if self.phase is Phase.TAKING:

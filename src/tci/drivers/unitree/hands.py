@@ -148,7 +148,7 @@ class Hand:
         return tuple(made)
 
     def _values(self, pads: Any) -> NDArray[np.float32]:
-        """Returns the values (p, 12) of the press sensors.
+        """Returns the values (p, 12) of p press sensors, which have 12 places each.
 
         A value is NaN if its place has no sensor, or if the sensor reports that data was lost since the last
         state.

@@ -73,9 +73,8 @@ class Health:
         return now - self._heard
 
     def passing(self, now: float) -> str:
-        """Returns a reason if no usable state (see `see`) has arrived in the last STALE [s]; `now` [s] is the
-        present time. TCI may then send no command until a usable state arrives. The text is empty if commands
-        may be sent."""
+        """Returns the reason to send no commands at `now` [s]: the latest usable state is older than `STALE`,
+        or there is none yet. The text is empty if commands may be sent."""
         if self.state is None:
             wrong = f" ({self.wrong} with a wrong checksum)" if self.wrong else ""
             return f"no usable state from the robot{wrong}"

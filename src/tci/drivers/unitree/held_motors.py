@@ -29,8 +29,8 @@ from tci.errors import DriverError
 from tci.frames import Array
 
 WAIT = 10.0
-"""Longest time [s] for taking the motors or handing them back. The time in which the weight of TCI's targets
-gradually rises or falls is not included. Assumed: a busy machine starts a process within a few seconds."""
+"""Longest delay [s] in taking the motors or handing them back, in addition to the time of the gradual
+transition. Assumed: a busy machine starts a process within a few seconds."""
 LONGEST = 1024
 """Largest length [bytes] of a status message."""
 
@@ -116,8 +116,8 @@ class HeldMotors:
             time.sleep(0.01)
 
     def follow(self, chosen: NDArray[np.bool_], targets: Array) -> None:
-        """Sends targets (5, 29) for the `chosen` motors (29,) to the keeper. The rows are `Q` to `KD` of the
-        module `handover`."""
+        """Sends targets (5, 29) for the `chosen` motors (29,) to the keeper. The rows are angles [rad],
+        velocities [rad/s], torques [N m], and the gains of angle and velocity."""
         self._told = (self._told & (self._goal[KP] > 0.0)) | chosen
         self._goal[:, chosen] = targets[:, chosen]
         self._send(FOLLOWS.pack(FOLLOW, *chosen.tolist(), *targets.ravel().tolist()))

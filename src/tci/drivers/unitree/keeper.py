@@ -36,8 +36,8 @@ TAKE, GIVE, FOLLOW = b"T", b"G", b"F"
 The kind is the first byte of a message."""
 FOLLOWS = struct.Struct(f"<c{MOTORS}?{ROWS * MOTORS}d")
 STATUS = struct.Struct("<B?d")
-"""First values of a status message: the phase, True if a fault lasts until a person connects again, and the
-weight. The rest of the message is the reason of the fault as text."""
+"""First values of a status message: the phase of the handover, True if a fault lasts until a person connects
+again, and `Handover.weight`. The rest of the message is the reason of the fault as text."""
 DISCOVERY = 0.5
 """Time [s] for which the keeper searches for other programs that write commands. The time starts with the
 first state, and only after this time the keeper takes the motors. Assumed: DDS participants answer a new
@@ -49,9 +49,9 @@ LOOK = 0.1
 """Time [s] between two searches for other programs that write commands. Assumed: a person needs more time to
 start a program."""
 GRACE = 0.1
-"""Time [s] after the first state in which the keeper ignores commands of other programs. Reason: the robot's
-own controller may have sent a last command before it was switched off. Assumed: DDS discovery jitters by less
-than this time."""
+"""Time [s], from the robot's first state on, during which the keeper ignores commands of other programs.
+Reason: the robot's own controller may have sent a last command before it was switched off. Assumed: this
+command arrives within this time."""
 LAST = 5
 """Number of times that the keeper repeats its last command. Over rt/arm_sdk, this command sets the weight of
 TCI's targets to 0, which hands the motors back. Assumed: at most four of these messages are lost."""
@@ -97,8 +97,8 @@ class Keeper:
         """Takes over from a keeper that was killed, and begins to hand the motors back to the robot's own
         controller.
 
-        `goal` (5, 29) and `weight` are the last targets and the weight of that keeper; `state` is the robot's
-        latest state.
+        `goal` (5, 29) are the last targets of that keeper (angle, velocity, torque and two gains of each
+        motor), and `weight` is the last weight of these targets. `state` is the robot's latest state.
         """
         self._address(state)
         self.leaving = True

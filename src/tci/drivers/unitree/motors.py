@@ -51,8 +51,8 @@ ALL_GAINS = np.array([
 """Gains (2, 29) over rt/lowcmd for full stiffness [N m/rad] and full damping [N m s/rad], from the vendor's
 example."""
 ARM_GAINS = np.repeat(np.array([[60.0], [1.5]]), MOTORS, axis=1)
-"""Gains (2, 29) over rt/arm_sdk for full stiffness [N m/rad] and full damping [N m s/rad], from the vendor's
-example."""
+"""Motors' gains (2, 29) for commands over the topic rt/arm_sdk: full stiffness [N m/rad] (row 0) and full
+damping [N m s/rad] (row 1), from the vendor's example."""
 
 
 def hand_motor(robot: Robot, servo: str) -> tuple[str, int] | None:

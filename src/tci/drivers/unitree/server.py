@@ -43,10 +43,9 @@ AHEAD = 0.01
 to rest at each set-point, and would begin to move 12 ms late. Assumed: with this time, a stop overshoots by
 less than 2 mrad."""
 ELSEWHERE = 2e-3
-"""A received set-point counts as a command if it has changed, or if (mixed by weight) it differs by more than
-this angle [rad] from the set-point of the simulated controller. Assumed: for a joint that must not move, a
-program keeps sending one measured angle, which differs from the set-point by less because of noise and
-gravity."""
+"""A received set-point counts as a command if it has changed, or if its weighted mean with the simulated
+controller's set-point differs from the latter by more than this angle [rad]. Assumed: for a joint that must
+not move, a program keeps sending one measured angle. Noise and gravity cause a smaller difference."""
 
 
 class UnitreeServer(Server):

@@ -41,8 +41,8 @@ class SetPoints:
         return chosen, targets
 
     def here(self, posture: Array) -> tuple[NDArray[np.bool_], Array]:
-        """Returns a mask (29,) of all motors, and targets (5, 29) with which the motors hold `posture` (29,)
-        [rad]. The targets have the rows that `SetPoints.of` explains."""
+        """Returns a mask (29,), True for all motors, and targets (5, 29) with which the motors hold `posture`
+        (29,) [rad]. The targets have the rows that `SetPoints.of` explains."""
         targets = np.zeros((ROWS, MOTORS))
         targets[Q], targets[KP:] = posture, self._gains
         return np.ones(MOTORS, dtype=bool), targets

@@ -74,7 +74,7 @@ def checksum(data: bytes) -> int:
 
 
 def encode_command(command: NDArray[np.void]) -> bytes:
-    """Returns a record of COMMAND as the bytes of a message, with the checksum."""
+    """Encodes `command`, a record of the NumPy type COMMAND, as the bytes of a message with the checksum."""
     data = command.tobytes()
     return b"".join((HEAD, data[:2], data[4:6], data[8:1000], checksum(data[:1000]).to_bytes(4, "little")))
 
@@ -87,15 +87,15 @@ def encode_state(state: NDArray[np.void]) -> bytes:
 
 
 def decode_command(data: bytes) -> tuple[Any, bool]:
-    """Returns the record of COMMAND in a message, and True if the message's checksum is right. Raises
-    FrameError if the message is invalid."""
+    """Returns the command in a message, as a record with the fields of `COMMAND`, and True if the message's
+    checksum is right. Raises FrameError if the message is invalid."""
     body = _body(data, COMMAND, "a command")
     return _judged(b"".join((body[:2], b"\0\0", body[2:4], b"\0\0", body[4:])), COMMAND)
 
 
 def decode_state(data: bytes) -> tuple[Any, bool]:
-    """Returns the record of STATE in a message, and True if the message's checksum is right. Raises
-    FrameError if the message is invalid."""
+    """Returns the robot's state from a message, as a record of type `STATE`, and True if the message's
+    checksum is right. Raises FrameError if the message is invalid."""
     body = _body(data, STATE, "a state")
     return _judged(b"".join((body[:70], b"\0\0", body[70:72], b"\0\0", body[72:])), STATE)
 
@@ -152,13 +152,14 @@ def encode_hand(motors: NDArray[np.void], pads: NDArray[np.void]) -> bytes:
 
 
 def encode_hand_command(motors: NDArray[np.void]) -> bytes:
-    """Returns a command to a hand as the bytes of a message, from records of MOTOR_COMMAND."""
+    """Returns the bytes of a message that commands a hand. `motors` (m,) are records of type `MOTOR_COMMAND`,
+    one per motor."""
     return b"".join((HEAD, len(motors).to_bytes(4, "little"), motors.tobytes(), bytes(16)))
 
 
 def decode_hand_command(data: bytes) -> NDArray[np.void]:
-    """Returns the records (m,) of MOTOR_COMMAND in a command to a hand. Raises FrameError if the message is
-    invalid."""
+    """Returns the commands (m,) to the m motors of a hand, as records of MOTOR_COMMAND. Raises FrameError if
+    the message is invalid."""
     return _items(data, 4, MOTOR_COMMAND, "motors")[0]
 
 

@@ -39,17 +39,18 @@ class YarpAddress:
     """Names of the patches that are not read. In the address, the names are separated by `+`."""
 
     def patches(self, robot: Robot) -> tuple[Patch, ...]:
-        """Returns the patches that are read. Raises UnknownNameError if the robot lacks a patch in
-        `without`."""
+        """Returns the patches that are read. Raises UnknownNameError if the option `without` names a patch
+        that the robot lacks."""
         left_out = {robot.patch(name).name for name in self.without}
         return tuple(patch for patch in robot.skin if patch.name not in left_out)
 
     @raises_driver_errors
     def network(self) -> Network:
-        """Returns the network for the messages.
+        """Returns an object that sends and receives messages, with YARP's Python bindings or with the package
+        `yarpwire` alone.
 
-        Raises DriverError if no name server is found, or if the bindings do not support the chosen dialect.
-        Raises MissingExtraError if the bindings are requested and not installed.
+        Raises DriverError if no name server is found, or if YARP's bindings are requested and do not support
+        the chosen dialect. Raises MissingExtraError if YARP's bindings are requested and not installed.
         """
         network = Bindings(self.server) if self.bindings else Wire(self.server)
         if network.dialect not in (None, self.dialect or network.dialect):

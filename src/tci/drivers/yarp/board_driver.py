@@ -157,9 +157,9 @@ class BoardDriver:
     def send(self, safe: SafeCommand, ahead: Array) -> None:
         """Switches the board's servos to the modes in a command, then sends their set-points.
 
-        `ahead` (k,) [rad] are the positions that the gate has planned for the command's servos for the
-        time AHEAD after the present time. The board may take a period to answer a change of mode. Therefore,
-        if the board refuses a mode, a later call of `send` raises DriverError.
+        `ahead` (k,) [rad] are the planned positions of the command's servos at the present time plus AHEAD.
+        The board may take a period to answer a change of mode. Therefore, if the board refuses a mode, a
+        later call of `send` raises DriverError.
         """
         self._settle()
         mine = self._mine
@@ -181,8 +181,8 @@ class BoardDriver:
 
     @raises_driver_errors
     def send_torques_only(self, safe: SafeCommand) -> None:
-        """Sends only the torques of servos in torque mode. Used while no states arrive from the board: the
-        gate then ends the torques, but a board that gets no message keeps the last torques."""
+        """Sends only the torques of servos in torque mode. Used while no states arrive from the board. The
+        gate then reduces the torques to zero, but without messages the board would keep the last torques."""
         mine = self._mine
         loose = [
             (place, servo)
@@ -304,7 +304,8 @@ class BoardDriver:
         self, safe: SafeCommand, ahead: Array, chosen: Sequence[tuple[int, int]], mine: dict[int, int]
     ) -> None:
         """Sends the set-points of the `chosen` servos: angles, velocities or torques, as the mode of each
-        servo requires. Each entry of `chosen` has the servo's place in the command and the servo's index."""
+        servo requires. Each entry of `chosen` has the servo's place in the command and the servo's index in
+        `Robot.servos`."""
         for stream, values in (
             (Stream.POSITION, np.rad2deg(ahead)),
             (Stream.VELOCITY, np.rad2deg(safe.velocity)),

@@ -46,8 +46,8 @@ AWAY = 0.3
 """Time [s] without a message after which the driver connects to a port again. Assumed: gaps in the data on a
 busy network are shorter."""
 LOOK = 0.25
-"""Time [s] between two checks for silent ports. Assumed: the driver then connects again at most AWAY + LOOK
-after a port's last message, which is soon enough."""
+"""Time [s] between two checks for silent ports. Assumed: it is soon enough if the driver connects again at
+most 0.55 s (AWAY + LOOK) after a port's last message."""
 REGISTER_AGAIN = 1.0
 """Time [s] between two checks that the driver's ports are still registered. A name server that restarts
 forgets the ports. Assumed: a second is soon enough, since data between ports does not need the name
@@ -230,9 +230,9 @@ class YarpDriver(Driver):
     def _tolerate_refusals(self, now: float) -> None:
         """Makes the gate hold while a board refuses a change of mode; `now` [s] is the present time.
 
-        A board that is starting, or that holds its joints itself, refuses for a short time. The driver
-        repeats the request to such a board in each period. Raises DriverError if a board refuses for longer
-        than REFUSED.
+        A board refuses for a short time while it starts, or while the robot's own software holds the joints.
+        The driver repeats the request to such a board in each period. Raises DriverError if a board refuses
+        for longer than REFUSED.
         """
         for since, error in self._refused.values():
             if now - since > REFUSED:

@@ -57,7 +57,7 @@ class OrderBook:
     def refuse(self, order: Order, reason: Reason) -> bool:
         """Records that an order was refused before it reached the gate.
 
-        Returns True if `take` of this book had returned the order.
+        Returns True if the order came from this book.
         """
         with self._changed:
             mine = any(order is given for given in self._given)

@@ -48,8 +48,8 @@ ARRIVED = 1e-4
 """Largest distance [rad] between a joint's target and reference at which the joint counts as arrived.
 Assumed: an encoder does not resolve this distance."""
 AT_REST = float(np.deg2rad(1.0))
-"""Speed [rad/s] below which a joint counts as resting and may change its mode. Assumed: below the speed at
-which the gate counts a joint as resting, since the gate estimates the speed in another way."""
+"""Speed [rad/s] below which a joint counts as resting and may change its mode. Assumed: the gate then counts
+the joint as resting too, although it estimates the speed in another way."""
 COMES_TO_REST = 1.5
 """Longest time [s] that a change of mode waits for moving joints to stop. Assumed: the arms of iCub and NAO
 stop from full speed in less time, and clients wait longer for an answer."""

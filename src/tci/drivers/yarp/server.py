@@ -45,9 +45,9 @@ from yarpwire.streams import obey
 PERIOD = 0.01
 """Time [s] between two published states of a board, as on an iCub."""
 APART = 0.003
-"""Time [s] after a skin frame in which the server publishes no states of boards. A state is delayed by at
-most half a PERIOD. Assumed: in this time a client computes its answer to a touch, and reading states would
-delay the answer."""
+"""Time [s] after a skin frame in which the server publishes no states of boards. This delays a state by at
+most half the time between two states. Assumed: in this time a client computes its answer to a touch, and
+reading states would delay the answer."""
 DEFAULT = ("127.0.0.1", 10000)
 """Host and port at which the server's own name server listens if no address is given."""
 REGISTER_AGAIN = 1.0

@@ -17,7 +17,7 @@ from tci.messages import Contact
 from yarpwire.errors import WireError
 
 NEWTON = 0.05
-"""Force [N] per taxel and unit of pressure, from skinManager's formula."""
+"""Force [N] on a taxel divided by its pressure in the sensor's own unit, from skinManager's formula."""
 BODY_PARTS = {"torso": 1, "head": 2, "left_arm": 3, "right_arm": 4, "left_leg": 5, "right_leg": 6}
 SEGMENTS = {"hand": (6, 1), "forearm": (4, 2), "upper_arm": (2, 3)}
 """Numbers of the link and of the left skin part for each segment. The number of a right skin part is higher

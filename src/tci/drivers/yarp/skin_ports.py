@@ -78,7 +78,8 @@ def read_skin(
     sensors, their values form the patch, one sensor after the other. Assumed: before YARP 4, iCub's skin
     devices sent their values in this order.
 
-    Raises DriverError if the order of the patch's values is unknown, and the errors of Feed.
+    Raises DriverError if the order of the patch's values is unknown, UnknownNameError if the port is not
+    registered, and PortError if the connection fails.
     """
     name, layout, sensor = patch_port(robot, prefix, patch.name), SkinLayout.of(robot, patch), patch.sensor
     check_order(layout, patch, prefix, network)

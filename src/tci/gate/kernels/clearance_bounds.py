@@ -25,11 +25,11 @@ KNOWN = returns(
 
 In this order:
 
-- angles (j, p) [rad] at which each distance was found
+- angles (j, p) [rad] of the j joints at which the distance of each pair was found
 - this distance (p,) [m], or a lower bound on it
 - axis (p, 3) from the first shape to the second shape; zeros if unknown
 - indices of the pairs (p,) that are still to be checked
-- excess (p,) [m] of the distance of each pair over the margin at the present point of a path
+- lower bound (p,) [m] on the distance of each pair at the present point of a path, minus the safety margin
 - least allowed distance (p,) [m] of each pair
 - largest change (p,) [m] of each pair's distance from one point of the path to the next
 - positions [m] and rotation matrices (j, 12) of the joints' frames
@@ -41,9 +41,9 @@ SPARE, WIDER = 0.002, 0.5
 Later boxes inside the enlarged box need no check. Assumed: SPARE is above the noise of encoders; a moving
 joint stays in the reserve for about ten periods."""
 PAUSE = 16
-"""Number of checks without the reserve (`SPARE`, `WIDER`) that follow a failed check with this reserve. The
-first of them repeats the failed check. Assumed: with this pause, the repeated checks take little time on
-average."""
+"""Number of checks of boxes without the reserve (see `SPARE`) after the check of an enlarged box has failed,
+because links may come near each other in it. The first of them checks the present box again. Assumed: with
+this pause, the repeated checks take little time on average."""
 
 
 @inlined
@@ -188,7 +188,7 @@ def come_near(
     angles of `box` (2, n_servos) [rad].
 
     Writes the indices of these pairs into `known`, and updates the bounds in `known` for the middle of the
-    box. Writes the joint angles at both ends of the box into `ends` (2, j), as `to_joints` does.
+    box. Writes the least and largest angles [rad] of the model's joints within the box into `ends` (2, j).
 
     Within the joint angles `safe` (2, j) [rad] no pair comes near, so a box inside `safe` needs no check. If
     no pair comes near within the box plus a reserve (see `SPARE`), this larger box becomes `safe`. `pause`
@@ -225,9 +225,10 @@ def follow(
     """Follows `path` (k, j) [rad] to the first point at which distances of pairs must be measured.
 
     Returns the number of these pairs; 0 at the end of the path. Checks only the first `count` pairs listed in
-    `known`, at points that are no farther apart than `stride` [m] according to `levers` (j,) [m/rad]. Writes
-    results into three arguments: into `at` the section of the path and the point in this section, into
-    `asked` the pairs, and into `known` the angles and frames at this point.
+    `known`. Between two checked points, distances change by at most `stride` [m]; `levers` (j,) [m/rad] are
+    their largest changes per radian of each joint. Writes results into three arguments: into `at` the section
+    of the path and the point in this section, into `asked` the pairs, and into `known` the angles and frames
+    at this point.
     """
     joints, shapes, points, _, pairs, own = solids
     posture, distance, axis, left, slack, least, step, frames, angles = known

@@ -70,14 +70,15 @@ def find_nearest(
     lower: Array, upper: Array, target: Array, coupling: Array, lows: Array, highs: Array,
     free: NDArray[np.bool_], point: Array,
 ) -> None:  # fmt: skip
-    """Makes `project`, which compiled loops call, callable from Python."""
+    """Writes a `point` (n,) [rad] near `target` (n,) [rad] that is inside limits and couplings. This is
+    `project` for calls from Python."""
     project(lower, upper, target, coupling, lows, highs, free, point)
 
 
 @inlined
 def box_keeps(span: Array, coupling: Array, lows: Array, highs: Array) -> bool:
-    """Returns True if `lows` <= `coupling` @ point <= `highs` (m,) for all points between the angles of
-    `span` (2, n) [rad]."""
+    """Returns True if `lows` (m,) <= `coupling` (m, n) @ point <= `highs` (m,) for all points of a box. The
+    rows of `span` (2, n) [rad] are opposite corners of the box."""
     for m in range(len(lows)):
         least = most = 0.0
         for i in range(span.shape[1]):

@@ -29,9 +29,9 @@ FOLLOWED, LOOSE = range(2)
 """Rows of a table (2, k) of the servos' control modes. `FOLLOWED`: True for a servo whose angle must follow a
 reference. `LOOSE`: True for a servo in torque mode. All other values are False."""
 LATE_SINCE, OPPOSED_SINCE, REPEATS_SINCE, ORIGIN = range(4)
-"""Rows of the memory (4, n_servos). The first three rows contain the time [s] since which, without
-interruption, a servo has been far from its reference, has moved against it, or has repeated its angle;
-infinity if it does not now. The last row is the reference [rad] at the time when the angle began to repeat.
+"""Rows of the memory (4, n_servos). The first three rows contain the time [s] at which a servo began to be
+far from its reference, to move against it, or to repeat its angle; infinity if it does not do so now. The
+last row is the reference [rad] at the time when the angle began to repeat.
 """
 DRIFT, WEAKEST, STRONGEST, PUSHED_SINCE = range(4)
 """Rows of the memory of velocities (4, n_servos):
@@ -93,9 +93,10 @@ def judge_motion(
     FOLLOWS if there is no fault.
 
     The latest two readings are `elapsed` [s] apart. `position` [rad] and `velocity` [rad/s] (k,) are the
-    reference of the servos. Updates the memory. In case of a fault, writes into `worst` (2,) the place of the
-    faulty servo in `servos`, and an angle [rad]: the distance from the reference (LATE), or the motion of the
-    reference (FROZEN). For OPPOSED no angle is written.
+    reference of the servos. Updates the memory. In case of a fault, writes into `worst` (2,) the index of the
+    faulty servo in `servos`, and an angle [rad]: the distance of a late servo from its reference (LATE), or
+    the motion of the reference while the servo's angle stays constant (FROZEN). A motion against the
+    reference (OPPOSED) has no angle.
     """
     longest = -1.0
     for k in range(len(servos)):
@@ -151,7 +152,7 @@ def judge_velocity(
     The latest two readings are `elapsed` [s] apart. A velocity that is NaN is ignored. Servos in modes that
     follow a reference are not checked here. `torque` (k,) [N m] was sent to the servos in torque mode.
     Updates the memory. Writes two values into `worst` (2,): the index k of the servo with the worst fault,
-    and the motion [rad] that is missing in its measured angle.
+    and the difference [rad] of its measured motion from the expected motion.
     """
     keeps = max(1.0 - elapsed / settings[FORGETS], 0.0)
     found, worst[1] = FOLLOWS, 0.0

@@ -104,8 +104,8 @@ def _carrier(model: mujoco.MjModel, body: int, before: int) -> int:
 
 
 def _shape(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
-    """Returns the points (n, 3) [m] and the matrix E (3, 3) [m] of a geom, in the frame of the geom. See
-    `Solids.shapes`."""
+    """Returns points (n, 3) [m] and a matrix E (3, 3) [m], in the frame of a geom. The geom is the convex
+    hull of the points, each extended by the ellipsoid E u, |u| <= 1."""
     x, y, z = model.geom_size[geom].tolist()
     ends = np.array([[0.0, 0.0, -y], [0.0, 0.0, y]])
     kind = mujoco.mjtGeom(int(model.geom_type[geom]))
@@ -140,8 +140,9 @@ def _hull(model: mujoco.MjModel, mesh: int) -> Array:
 
 
 def _levers(joints: Array, shapes: Array, points: Array, pairs: NDArray[np.intp]) -> Array:
-    """Returns `Solids.levers`. For a joint that carries only one of the two shapes of a pair, the value is
-    the largest distance of this shape from the joint's axis. For other joints, the value is 0."""
+    """Returns, for each joint and each pair of shapes (j, p), how much their distance changes at most per
+    radian of the joint [m/rad]. If the joint carries only one of the two shapes, this value is an upper bound
+    on the distance of this shape from the joint's axis. Otherwise, the value is 0."""
     reach = np.zeros((len(joints), len(shapes)))
     carried = np.zeros(reach.shape, dtype=bool)
     for index, shape in enumerate(shapes):

@@ -74,8 +74,8 @@ def _follow(stop: Array, i: int, time: float) -> tuple[float, float, float]:
 def plan_stop(
     state: Array, here: Array, limits: Array, coupling: Array, lows: Array, highs: Array, stop: Array
 ) -> tuple[bool, bool, bool, float]:
-    """Plans the `stop` (12, n) from a `state` (3, n): angles [rad], velocities [rad/s] and accelerations
-    [rad/s2].
+    """Plans the stop of n servos from a `state` (3, n): angles [rad], velocities [rad/s] and accelerations
+    [rad/s2]. Writes the plan into `stop` (12, n), whose rows are listed at `STOP_ROWS`.
 
     Returns three truth values and the duration [s] of the stop:
 
@@ -119,8 +119,9 @@ def plan_stop(
 
 @compiled(void(reads(2), reads(1), writes(3)))
 def follow_stop(stop: Array, times: Array, states: Array) -> None:
-    """Writes the `states` (k, 3, n) of a `stop` (12, n) at `times` (k,) [s] after it began: angles [rad],
-    velocities [rad/s] and accelerations [rad/s2]."""
+    """Computes angles [rad], velocities [rad/s] and accelerations [rad/s2] of n servos at `times` (k,) [s]
+    after their stop began, and writes them into `states` (k, 3, n). The rows of `stop` (12, n) are listed at
+    `STOP_ROWS`."""
     for k in range(len(times)):
         for i in range(stop.shape[1]):
             if times[k] < stop[RAMP, i] + stop[PLATEAU, i] + stop[RELEASE, i]:

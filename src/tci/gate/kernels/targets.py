@@ -24,13 +24,15 @@ outside their limits."""
 COMMAND = returns(views(1, int64), views(1), views(1))
 """Types of a command: `servos` (k,), `values` (k,) [rad] and `speeds` (k,) [rad/s]."""
 GROUP = returns(reads(1, int64), reads(2), views(2), reads(2), writes(1, boolean), writes(2))
-"""Types of the arrays of a joint group with n servos and m couplings: `index` (n,), `limits` (3, n),
-`coupling` (m, n), `ends` (2, m), `free` (n,) and `aims` (3, n)."""
+"""Types of the arrays of a joint group with n servos and m couplings: servo indices `index` (n,), `limits`
+(3, n), coefficients `coupling` (m, n) with bounds `ends` (2, m), `free` (n,), which is True for commanded
+servos, and targets `aims` (3, n)."""
 
 
 @inlined
 def acceptable(servos: NDArray[np.intp], values: Array, speeds: Array, count: int, slowest: float) -> bool:
-    """Returns True if a command is valid: see `is_acceptable`."""
+    """Returns True if a command is valid: at least one servo, all `servos` (k,) different and from 0 to
+    `count` - 1, `values` (k,) finite, and `speeds` (k,) [rad/s] at least `slowest`."""
     for k in range(len(servos)):
         if not (0 <= servos[k] < count and np.isfinite(values[k]) and speeds[k] >= slowest):
             return False
@@ -53,7 +55,8 @@ def is_acceptable(servos: NDArray[np.intp], values: Array, speeds: Array, count:
 
 @inlined
 def far_off(servos: NDArray[np.intp], values: Array, box: Array, far: float) -> bool:
-    """Returns True if angles may be in degrees: see `is_far_off`."""
+    """Returns True if the angles `values` (k,) may be in degrees. For the rule and the other arguments see
+    `is_far_off`."""
     near = len(servos) < 2
     for k in range(len(servos)):
         outside = max(box[LOWER, servos[k]] - values[k], values[k] - box[UPPER, servos[k]])
@@ -80,17 +83,19 @@ def take_targets(
     group: tuple[NDArray[Any], ...], sent: Array,
 ) -> float:  # fmt: skip
     """Sets the targets of the servos `index` (n,) of a joint group from the `values` (k,) [rad] of a command
-    to `servos` (k,). A command consists of `servos`, `values` and `speeds`; the types of a `group` are in
-    GROUP.
+    to `servos` (k,). A command consists of `servos`, `values` and `speeds`; a `group` consists of `index`,
+    `limits`, `coupling`, `ends`, `free` and `aims`.
 
-    Returns the largest distance [rad] of a target from its requested value. Returns INVALID if the command
-    fails `is_acceptable`, or FAR_OFF if `is_far_off` is True for it; in both cases the function writes
-    nothing. `is_far_off` describes `box` and `far`; `is_acceptable` describes `slowest`.
+    Returns the largest distance [rad] of a target from its requested value. Returns INVALID if indices,
+    angles or speeds are invalid (see `is_acceptable`), or FAR_OFF if the angles may be in degrees (see
+    `is_far_off`); in both cases the function writes nothing. `is_far_off` describes `box` and `far`;
+    `is_acceptable` describes `slowest`.
 
-    Writes into `aims` (3, n) the targets [rad], which are inside `limits` and couplings, and the `speeds`
-    (k,) [rad/s], clipped to the speeds in `limits` (3, n). Writes into `sent` (k,) [rad] the targets of the
-    servos that are in the group. `coupling` (m, n) and its bounds `ends` (2, m) are described in `Bounds`.
-    `free` (n,) and the last row of `aims` hold intermediate results.
+    Writes into `aims` (3, n) the targets [rad] (row 0), which are inside limits and couplings, and the speeds
+    [rad/s] (row 1): the smaller of `speeds` (k,) and the speeds in `limits` (3, n). The rows of `limits` are
+    lower angles, upper angles and speeds. Writes into `sent` (k,) [rad] the targets of the servos that are in
+    the group. `coupling` (m, n) and its bounds `ends` (2, m) are described in `Bounds`. `free` (n,) and the
+    last row of `aims` hold intermediate results.
     """
     servos, values, speeds = command
     index, limits, coupling, ends, free, aims = group

@@ -13,9 +13,9 @@ LOWER, UPPER, VELOCITY, CREEP, ACCELERATION, APPROACH, TORQUE = range(7)
 """Rows of the limits (7, k) of the servos in torque mode. CREEP is the speed [rad/s] at which a servo outside
 its limits returns. APPROACH is the deceleration [rad/s2] that is assumed to be available before a limit."""
 POSITION, SPEED, SLOPE, SINCE_SPEED, SINCE_SLOPE = range(5)
-"""Rows of the measurements (5, n_servos): angles [rad]; velocities [rad/s]; mean speeds [rad/s] computed from
-angles, NaN if unknown; impulses [N m s] of the torques that were sent: SINCE_SPEED since the velocity was
-measured, SINCE_SLOPE since the mean speed was measured."""
+"""Rows of the measurements (5, n_servos). POSITION: angle [rad]. SPEED: measured velocity [rad/s]. SLOPE:
+mean speed [rad/s], computed from angles; NaN if unknown. SINCE_SPEED, SINCE_SLOPE: impulse [N m s] of the
+torques that were sent since SPEED or SLOPE was measured."""
 WANTED, RISEN, GIVEN, CALM, BEFORE = range(5)
 """Rows of the memory (5, n_servos):
 
@@ -62,8 +62,8 @@ def limit_torques(
     period: float,
     memory: Array,
 ) -> None:
-    """Writes the torques of `servos` (k,) that are sent now into `memory`. The `trust` (k,) in the
-    measurements of each servo, 0 to 1, is the fraction of its torque that is permitted.
+    """Computes the torques that are sent now to `servos` (k,), and writes these torques into `memory`. The
+    `trust` (k,) in the measurements of each servo, 0 to 1, is the fraction of its torque that is permitted.
 
     `measured` (5, n_servos) and `memory` (5, n_servos) have a column for each servo of the robot, and
     `limits` (7, k) for each of `servos`. The module lists the rows, from `LOWER` to `BEFORE`. When the next

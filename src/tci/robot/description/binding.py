@@ -60,7 +60,7 @@ USUAL: Mapping[str, Binding] = {
         ("player", 100.0, 0.08),
     )
 }
-"""Default bindings of the middlewares that can carry any robot. Assumed: rates that the middleware can
+"""Default bindings of the middlewares that work with any robot. Assumed: rates that the middleware can
 sustain, and age limits of a few message periods (docs/tables/middleware.md)."""
 
 

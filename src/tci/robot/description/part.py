@@ -53,7 +53,8 @@ class GenericServo(Description):
     """Damping that the command `home` sets, as a fraction 0..1 of full damping."""
     speed: float | None = None
     """Speed [rad/s] at which the generic joint moves, unless the gate's limit is lower. With None, only the
-    gate's limit applies. For a retargeted shoulder, this value is the speed [rad/s] of the servo."""
+    gate's limit applies. In a retargeted shoulder, the value limits this joint's own servo in position mode,
+    and the generic joint in velocity mode."""
     initial: float = 0.0
     """Initial generic angle [rad]."""
 
@@ -89,8 +90,7 @@ class Segment(Description):
 
 
 class CartesianActuator(Description):
-    """A point of a generic part for which commands can set a position (§3.1 of the paper: a transformation in
-    Cartesian space)."""
+    """A point of a generic part whose position can be commanded (§3.1 of the paper)."""
 
     name: str
     """Name of the point in a `CartesianCommand`: `hand`, `elbow`, ..."""

@@ -93,8 +93,8 @@ class Robot(Description):
 
     @cached_property
     def all_bindings(self) -> tuple[Binding, ...]:
-        """Bindings to every middleware that can carry this robot: first the bindings in the file, then the
-        default bindings."""
+        """Bindings to every middleware through which this robot can be reached: first the bindings in the
+        file, then the default bindings."""
         own = {binding.middleware for binding in self.bindings}
         return *self.bindings, *(usual for name, usual in USUAL.items() if name not in own)
 

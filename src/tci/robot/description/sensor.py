@@ -23,8 +23,7 @@ class Sensor(Description):
     highest: float
     """Largest raw value that the sensor can send."""
     joints: bool = False
-    """True if the surface has no taxels, so that touches are detected from the torques of joints. The sensor
-    is then `THROUGH_JOINTS`."""
+    """True if the surface has no taxels, so that touches are detected from the torques of joints."""
     noise: float = 0.0
     """Initial standard deviation [counts] of raw values at rest. At run time, the deviation is estimated
     anew."""

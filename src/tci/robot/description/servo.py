@@ -53,8 +53,8 @@ class Servo(Description):
     joint: str | None = None
     """Name of the joint in the kinematic model; None if the model does not contain the joint."""
     mimics: tuple[Mimic, ...] = ()
-    """Further joints of the model that follow the servo. If `joint` is None, they replace the servo's own
-    joint."""
+    """Further joints of the model that follow the servo. If `joint` is None, the servo moves only these
+    joints."""
     limits: Limits = Limits()
     """Limits of the servo's motion."""
     modes: tuple[Mode, ...] = (Mode.POSITION,)

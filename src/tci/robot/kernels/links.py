@@ -10,11 +10,11 @@ from tci.compiled import compiled, inlined, reads, views, writes
 from tci.frames import Array
 
 BEFORE, SERVO, SLIDES = range(3)
-"""Columns of the table `steps`: index of the step before, index of the servo, and 1 if the joint slides.
-`KinematicChain.steps` has the details."""
+"""Columns of `KinematicChain.steps`, the fixed offsets and joints between links: index of the previous step
+(-1 for the world), index of the servo (-1 for none), and 1 if the joint is prismatic."""
 STEP, SIGN = range(2)
-"""Columns of a path, the table that `KinematicChain.path` returns: a row in `steps`, and the sign of the
-step's servo in a Jacobian (1, -1, or 0 for a step that does not change the Jacobian)."""
+"""Columns of the table `path`: index of a step in the table `steps`, and the sign (1 or -1) with which the
+step's servo counts in a Jacobian; 0 if it does not count. `KinematicChain.path` has the details."""
 
 
 @inlined
@@ -98,10 +98,11 @@ def pose_and_jacobian(
 ) -> None:
     """Writes the pose of a point of a link, and adds the Jacobian of the point to `jacobian`.
 
-    The `point` (3,) [m] belongs to the link at the end of the step `ends[0]`. The pose `T_TP` (4, 4) of the
-    point is given in the torso frame, which lies at the end of the step `ends[1]`. The Jacobian (6, n_servos)
-    is relative to the torso. `axes` (s, 2, 3) contains the axis of each step's joint and a point [m] on this
-    axis, in the frame before the step. The other arguments are those of `link_poses`.
+    The `point` (3,) [m] is given in the link's frame, its pose `T_TP` (4, 4) in the torso frame. `ends`
+    contains two indices into `steps`: of the step that ends at the link, and of the step that ends at the
+    torso frame. The Jacobian (6, n_servos) is relative to the torso. `axes` (s, 2, 3) contains the axis of
+    each step's joint and a point [m] on this axis, in the frame before the step. The other arguments are
+    those of `link_poses`.
     """
     take_steps(position, path, steps, sums, work)
     T_WL, T_WT = work[ends[0]], work[ends[1]]

@@ -75,9 +75,9 @@ def read_skin_file(path: str | Path) -> SkinLayout:
 def _pads(valid: NDArray[np.bool_], listed: NDArray[np.intp]) -> NDArray[np.bool_]:
     """Returns an array (n,) that is True for channels that are thermal pads.
 
-    Newer files mark pads by -2 in the list `taxel2Repr`. Older files mark them by -1 in a row that has a
-    position, or have no such list. If no pads are marked, the pads are the channels PADS_OF_MODULE of each
-    module that has a position.
+    Newer files mark pads by -2 in the list `taxel2Repr`. In older files, -1 in this list marks a pad if the
+    channel has a position. In files without marks, and after the end of the list, pads are the channels 6 and
+    10 of each module that has a position.
     """
     pads = np.zeros(len(valid), dtype=bool)
     pads[: len(listed)] = (listed == -2) | ((listed == -1) & valid[: len(listed)])

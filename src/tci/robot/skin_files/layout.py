@@ -48,7 +48,7 @@ class SkinLayout:
     """Index (n,) of the module of each channel; -1 for a channel that has no position and is not a thermal
     pad."""
     representative: NDArray[np.intp]
-    """Index (n,) of the channel that represents each channel if `sampling` is `triangle`; -1 for an absent
+    """Index (n,) of the channel that stands for the group of each channel (see `sampling`); -1 for an absent
     channel, -2 for a thermal pad. Older skin files have -1 for thermal pads too."""
     listed_normals: Array
     """Normals (n, 3) as written in the file. These normals may have any length. iCub's skinManager uses them
@@ -104,11 +104,12 @@ def make_layout(
     """Makes a layout from the data of a reader: n `positions` (n, 3) [m] and `normals` (n, 3) of any length.
 
     The layout contains normals of unit length. Normals marked by `estimated` (n,), and normals of zero
-    length, are estimated from neighbouring taxels. If the normals do not fit the positions, all normals are
-    estimated, and `note` reports this. If `areas` is None, each area is that of a hexagon computed from the
-    distance to the nearest neighbour (assumed: taxels are on a triangular lattice). If `modules` is None, all
-    channels are one module. If `representative` is None, each taxel represents itself. `tangents` (n, 3) are
-    the x axes of three-axis taxels; they may have any length.
+    length, are estimated from neighbouring taxels. If the normals differ too much from those of planes
+    through neighbouring taxels, all normals are estimated, and the layout's `note` reports this. If `areas`
+    is None, each area is that of a hexagon computed from the distance to the nearest neighbour (assumed:
+    taxels are on a triangular lattice). If `modules` is None, all channels are one module. If
+    `representative` is None, no channel stands for other channels. `tangents` (n, 3) are the x axes of
+    three-axis taxels; they may have any length.
     """
     n = len(positions)
     pads = np.zeros(n, dtype=bool) if pads is None else pads

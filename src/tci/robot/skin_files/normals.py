@@ -21,8 +21,9 @@ FLAT = 1e-3
 positions to a millimetre."""
 
 DISAGREE = np.radians(30.0)
-"""The normals in a file count as wrong if the result of `disagreement` is above this angle [rad]. Assumed: in
-known files, the result is below 15 degrees for correct normals, and at least 50 degrees for wrong normals."""
+"""The normals in a file count as wrong if their median angle [rad] to the normals of planes through
+neighbouring taxels is above this value. Assumed: in known files, the median is below 15 degrees for correct
+normals, and at least 50 degrees for wrong normals."""
 THIN = 0.35
 """A plane is fitted to a group of neighbouring taxels only if the ratio of the group's thickness to its width
 is at most this value. Assumed: if taxels are far apart on a limb, their neighbours are all around the limb,
@@ -33,8 +34,8 @@ def disagreement(positions: Array, normals: Array) -> float:
     """Returns the median angle [rad] between `normals` (n, 3) and the normals of the planes through
     neighbouring `positions` (n, 3) [m].
 
-    Only taxels with nearly flat neighbourhoods are used. If fewer than `NEIGHBOURS` taxels have a flat
-    neighbourhood, the result is 0.
+    Only taxels with nearly flat neighbourhoods are used. If too few taxels have a flat neighbourhood, the
+    result is 0.
     """
     places, index = np.unique(positions, axis=0, return_index=True)
     if len(places) < NEIGHBOURS:

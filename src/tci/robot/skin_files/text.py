@@ -121,8 +121,8 @@ def parse_row(words: list[str], number: int, faults: Faults) -> list[float]:
 
 
 def check_count(text: SkinText, last: int, faults: Faults) -> None:
-    """Checks that no row is missing. The number of rows must fit whole modules or patches, or the length of
-    the file's list `taxel2Repr`."""
+    """Checks that no row is missing. The number of rows must be a multiple of 12 (one module). In a file with
+    a list `taxel2Repr`, it must be a multiple of 192 (one patch), or the length of this list."""
     n = len(text.rows)
     listed = text.representative
     named = max((value for value in listed or () if value >= 0), default=-1)

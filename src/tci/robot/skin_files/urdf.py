@@ -46,8 +46,8 @@ class TactileSensor:
     rate: float | None
     """Frame rate [Hz]; None if the file does not give a rate."""
     layout: SkinLayout
-    """Taxels of the sensor by channel, which is the index of the taxel. A channel that is no taxel's index
-    has no position."""
+    """Taxels of the sensor by channel, which is the index of the taxel. Channels without a taxel have no
+    position."""
 
 
 def read_tactile_sensors(path: str | Path) -> tuple[TactileSensor, ...]:
@@ -133,7 +133,8 @@ def _sensor(element: etree._Element, source: str, links: set[str], faults: Fault
 
 
 def _array(element: etree._Element, faults: Faults) -> tuple[Channels, Array, float] | None:
-    """Returns the indices (n,), poses (n, 4, 4) and taxel area [m2] of a grid of equal taxels."""
+    """Returns the channels (n,) and poses (n, 4, 4) of the taxels of an `<array>`, in the sensor's frame, and
+    the area [m2] of one taxel. Returns None for an invalid array."""
     line = element.sourceline or 0
     counts = [_count(element, key, faults, least=1, most=1024) for key in ("rows", "cols")]
     size = _numbers(element, "size", 2, faults)

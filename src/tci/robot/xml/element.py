@@ -16,8 +16,8 @@ class Element:
     """Valid content of one XML element."""
 
     about: str = ""
-    """Meaning of the element, in Markdown. The docstrings of the type `describes` explain the attributes. An
-    attribute without a docstring is explained here."""
+    """Meaning of the element, in Markdown. Also explains those attributes that have no docstring in the class
+    `describes`."""
     needs: Mapping[str, Value] = field(default_factory=dict)
     """Required attributes by name, each with its kind of value."""
     may: Mapping[str, Value] = field(default_factory=dict)
@@ -35,8 +35,8 @@ class Element:
     describes: type[Description] | None = None
     """Type in `tci.robot.description` to which the element is converted."""
     fields: Mapping[str, str | None] = field(default_factory=dict)
-    """Names of fields of the class in `describes`, by the name of the attribute or child, where the two names
-    differ. None means that the class has no field for this attribute or child."""
+    """Maps the name of an attribute or child to the name of its field in the class `describes`, if the two
+    names differ. None means that the class has no field for this attribute or child."""
 
     @property
     def children(self) -> dict[str, Element]:
@@ -55,8 +55,8 @@ class Element:
         return any(value.angular for value in [*self.values.values(), self.text] if value is not None)
 
     def field(self, name: str) -> str | None:
-        """Returns the name of the field for an attribute, or for a child with a value; None if the type
-        `describes` has no field for it."""
+        """Returns the name of the field to which the value of an attribute or child is converted; None if
+        there is no such field."""
         found = self.fields.get(name, name)
         return found if self.describes is not None and found in self.describes.model_fields else None
 

@@ -20,8 +20,8 @@ ATTRIBUTE, REMOVED = "extends", "removed"
 KEYS = ("id", "destination_servo_id", "name", "middleware", "of", "joint", "frame", "prefix")
 """Attributes that distinguish elements with equal tags."""
 MOST = 4
-"""Largest number of files that extend each other. Assumed: enough for a robot, a variant of the robot, and
-changes by the robot's owner."""
+"""Largest number of files that are merged to one description. Assumed: enough for a robot, a variant of the
+robot, and changes by the robot's owner."""
 
 
 def read_element(file: Path) -> tuple[etree._Element, bytes]:

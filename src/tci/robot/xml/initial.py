@@ -26,8 +26,8 @@ def initial_angles(parts: Sequence[GenericPart]) -> dict[int, float]:
     """Returns the initial angle [rad] of every servo that moves a generic joint, by the index of the servo.
     The angles are computed with the inverse transforms.
 
-    The result contains no servos of retargeted shoulders, which need the kinematic model, and no servos of
-    transforms with faults.
+    The result contains no servos of retargeted shoulders, which need the kinematic model, and no servos whose
+    transform is invalid in the description.
     """
     return {
         servo: angle

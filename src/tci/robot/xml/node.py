@@ -33,8 +33,8 @@ class Node:
     """Text of the element, converted to its type, for example a number in SI units; None if the element has
     no valid text."""
     fields: dict[str, Any] = field(default_factory=dict)
-    """Values of attributes and children, by name of a field. Contains only those for which the type
-    `Element.describes` has a field."""
+    """Values of attributes and children, by the name of the field that stores the value in the class
+    `Element.describes`. Attributes and children without such a field are left out."""
     children: dict[str, list[Node]] = field(default_factory=dict)
     misspelt: bool = False
     """True if the element has an unknown attribute or child. In this case, an attribute or child that seems
@@ -62,8 +62,8 @@ class Node:
 
 
 def read_node(element: etree._Element, grammar: Element, unit: Unit, faults: Faults) -> Node:
-    """Reads `element` and its descendants according to `grammar`. Angles of elements without `type` are in
-    `unit`."""
+    """Reads `element` and its descendants according to `grammar`. The attribute `type` of an element gives
+    the unit of its angles; without this attribute the unit is `unit`."""
     reader = _Reader(element, faults)
     node = Node(str(element.tag), element.sourceline or 0, reader.unit(grammar, unit))
     reader.attributes(node, grammar)

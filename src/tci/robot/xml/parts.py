@@ -28,8 +28,8 @@ from tci.robot.xml.transforms import check_coupled, check_retarget, check_synerg
 from tci.robot.xml.values import in_unit
 
 NAMES = {"arm": JOINTS, "fingers": generic_fingers.JOINTS}
-"""For each kind whose parts must list all generic joints in the file: the names of these joints. Parts of
-other kinds may list fewer joints."""
+"""Names of all generic joints of an arm and of fingers. For each such part, a file must list all these
+joints. Parts of other kinds may list fewer joints."""
 PIECES = {"arm": SEGMENTS, "fingers": (*generic_fingers.FINGERS, generic_fingers.PALM)}
 """Names of the segments that a part may have, by the part's kind."""
 _SLACK = 1e-9
@@ -92,8 +92,8 @@ def _by_id(node: Node, name: str, faults: Faults) -> dict[int, Node]:
 
 
 def _names(node: Node, name: str, kind: str, nodes: Mapping[int, Node], faults: Faults) -> dict[int, str]:
-    """Returns the name of each generic servo. The generic servos of arms and fingers have fixed names in a
-    fixed order."""
+    """Returns the names of a part's generic joints (elements `generic_servo`) by id. The joints of arms and
+    fingers have fixed names in a fixed order."""
     once_only(
         [child for child in nodes.values() if "name" in child.values],
         "name",
@@ -226,8 +226,8 @@ def _segments(node: Node, kind: str, faults: Faults) -> tuple[Segment, ...]:
 def _actuators(
     node: Node, kind: str, segments: tuple[Segment, ...], faults: Faults
 ) -> tuple[CartesianActuator, ...]:
-    """Returns the Cartesian actuators of a part: the actuators in the file, and for an arm also the usual
-    actuators."""
+    """Returns the Cartesian actuators of a part: the actuators in the file, and for an arm with both segments
+    also actuators at elbow and hand, unless the file defines these."""
     name = node.get("name", "?")
     nodes = once_only(node.all("cartesian_actuator"), "name", f"cartesian_actuator of {name!r} with", faults)
     pieces = [segment.name for segment in segments] if kind == "arm" else []

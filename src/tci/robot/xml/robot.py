@@ -133,8 +133,8 @@ def _bindings(root: Node, servos: Servos, patches: Sequence[Patch], faults: Faul
 
 
 def _check_modules(node: Node, address: Address, channels: Mapping[str, int], faults: Faults) -> None:
-    """Checks that the skin modules in an address have as many taxels as the patch, and exist in its raw
-    frame."""
+    """Checks the skin modules that a patch's address lists. Together they must have as many taxels as the
+    patch has channels, and the middleware's message must be long enough to contain them."""
     if address.channels is None and not address.modules:
         return
     own, wide = channels.get(address.of, 0), address.channels or 0

@@ -12,8 +12,8 @@ from tci.robot.xml.node import Node, listed
 from tci.robot.xml.servos import Servos
 
 STEEPEST = 1e3
-"""Largest slope between neighbouring points of a table. The least slope is 1 / STEEPEST. Assumed: these are
-also the bounds of gamma (`values.Factor`)."""
+"""Largest slope between neighbouring points of a table. The least slope is 1 / STEEPEST. Assumed: real joints
+are far inside these bounds, which also hold for the factor gamma of eq. 1."""
 WORST = 1e4
 """Largest condition number of the matrix of a coupling. Assumed: with this condition number, rounding errors
 stay far below the resolution of the sensors."""
@@ -56,8 +56,8 @@ def read_table(node: Node, kind: str, faults: Faults) -> tuple[tuple[float, floa
 
 
 def read_terms(part: Node, node: Node, kind: str, servos: Servos, faults: Faults) -> tuple[Term, ...]:
-    """Reads the servos that move a coupled or synergic generic servo, with the factors of their linear
-    combination."""
+    """Reads the `coupled_term` elements of a generic joint whose angle is a weighted sum of servo angles: the
+    servos and their factors."""
     children = node.all("coupled_term")
     if kind not in ("coupled", "synergy"):
         if children:
@@ -84,8 +84,9 @@ def read_terms(part: Node, node: Node, kind: str, servos: Servos, faults: Faults
 
 
 def check_coupled(node: Node, generic: Sequence[GenericServo], faults: Faults) -> None:
-    """Checks that the coupled joints of a part, which are weighted sums of servo angles, contain only the
-    joints' own servos, and that the matrix of the weights is invertible."""
+    """Checks the coupled joints of a part, whose angles are weighted sums of servo angles. The sums may
+    contain only the servos that the file assigns to these joints, and the matrix of the weights must be
+    invertible."""
     coupled = [joint for joint in generic if joint.transform == "coupled" and joint.servo is not None]
     own = [joint.servo for joint in coupled]
     for joint in coupled:
@@ -102,8 +103,8 @@ def check_coupled(node: Node, generic: Sequence[GenericServo], faults: Faults) -
 
 
 def check_synergy(node: Node, generic: Sequence[GenericServo], faults: Faults) -> None:
-    """Checks that the servos that move a joint of a synergy include the joint's `destination_servo_id`. Also
-    checks that no other joint of the part uses the servos of the synergy."""
+    """Checks that each joint with a synergy has its own servo (`destination_servo_id`) among its
+    `coupled_terms`. Also checks that no joint without a synergy uses a servo of these terms."""
     synergic = [joint for joint in generic if joint.transform == "synergy" and joint.servo is not None]
     moved = {term.servo for joint in synergic for term in joint.terms}
     for joint in synergic:

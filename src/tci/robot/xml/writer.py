@@ -27,9 +27,10 @@ def write_robot(
 ) -> str:
     """Returns the text of a description.
 
-    `file` is the path of the model relative to the description. If a package that `extra` installs contains
-    the model, `file` is the end of the model's path in this package. `meshes` is a folder beside the
-    description, or "none" for a model that is to be read without its meshes.
+    `file` is the path of the model relative to the description. If `robot.model` names a package that
+    contains the model, `file` is the last part of the model's path in this package, and `extra` is the extra
+    of TCI that installs the package. `meshes` is a folder beside the description, or "none" for a model that
+    is to be read without its meshes.
 
     Raises TciError if the robot has couplings, attached models, transforms of the kind `coupled`, response
     curves, or skin other than cones: this function can't write them.
@@ -72,7 +73,8 @@ class _Written:
         self.grammar = grammar
 
     def add(self, tag: str, described: object = None, **given: Any) -> _Written:
-        """Appends a child element with the values that `fill` writes."""
+        """Appends a child element with the values in `given`, and with all fields of the object `described`
+        that differ from their defaults."""
         child = _Written(etree.SubElement(self.node, tag), self.grammar.children[tag])
         child.fill(described, **given)
         return child

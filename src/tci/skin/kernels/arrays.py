@@ -16,18 +16,19 @@ Places = NDArray[np.int64]
 Single = NDArray[np.float32]
 
 TAXEL, CHANNEL, BLOCK, CELL, NODE = range(5)
-"""Columns of `LayoutArrays.begin`: first taxel, channel, block, cell and node of a patch."""
+"""Columns of `LayoutArrays.begin`: a patch's first taxel, channel, block of taxels, cell of the grid over its
+faces, and node of its response."""
 LOWEST, HIGHEST, REST, SIGN, FULL = range(5)
 """Columns of `LayoutArrays.sensor`: the range (two columns), rest value and polarity of raw values, and the
 largest deviation [counts]."""
 FIRST, END, STRAIGHT = range(3)
-"""Columns of `LayoutArrays.span`: first channel of a block, last channel + 1, and 1 if its channels are
-consecutive."""
+"""Columns of `LayoutArrays.span`, for one block of a patch's taxels: smallest channel, largest channel + 1,
+and 1 if the channels of successive taxels are consecutive, otherwise 0."""
 AREA = 6
 """Column of `LayoutArrays.taxel` with the area, after the columns of position and normal."""
 LINK, LIMB_LINK, POSTURE = range(3)
-"""Columns of `LayoutArrays.on`: link of a patch, link of its limb segment, and row of its part in the
-posture."""
+"""Columns of `LayoutArrays.on`, which has one row per patch: link of the patch, link of the patch's limb
+segment, and the row that contains the angles of the patch's generic part."""
 BLOCK_SIZE = 64
 """Taxels per block. If the raw values of a block equal those of the previous frame, the block is not computed
 again: only the number of such frames is counted."""
@@ -37,8 +38,8 @@ class LayoutArrays(NamedTuple):
     """Constant properties of all taxels (n,) of a robot, in the order of patches (p,)."""
 
     begin: Places
-    """First taxel, channel, block, cell and node (p + 1, 5) of each patch, as indices into the arrays of the
-    whole skin."""
+    """First taxel, channel, block of taxels, grid cell and response node of each patch, as indices (p + 1, 5)
+    into the arrays of the whole skin. The last row contains the totals."""
     sensor: Single
     """Lowest and highest value, rest value, polarity and largest deviation (p, 5) [counts] of each patch's
     sensor."""
@@ -50,8 +51,8 @@ class LayoutArrays(NamedTuple):
     """Table (b, 3) with a row for each block of taxels: first channel, last channel + 1, and 1 if the
     channels are consecutive, otherwise 0."""
     gain: Array
-    """Response (n,) [Pa per count] of each taxel. If `nodes` define the response: the factor by which that
-    response is multiplied for this taxel."""
+    """Response (n,) [Pa per count] of each taxel. For a patch with a response curve (see `nodes`): factor by
+    which the taxel's pressure on the curve is multiplied."""
     nodes: Array
     """Deviation [counts] and pressure [Pa] (2, m) at the nodes of piecewise linear responses."""
     taxel: Array
@@ -59,18 +60,20 @@ class LayoutArrays(NamedTuple):
     fill: Array
     """Fill factor (n, w) around each taxel, for each width in `fill_factor.WIDTHS`."""
     graph: Indices
-    """Index at which each taxel's neighbours start in this array (n + 1 entries), followed by the neighbours.
+    """Neighbours of each taxel: the neighbours of taxel i are the entries from `graph[i]` to `graph[i + 1]` -
+    1 of this array.
     """
     faces: Indices
-    """Corners (f, 3) of each face."""
+    """Indices (f, 3) of the three taxels at the corners of each of the f faces."""
     box: Array
     """Grid of cells (p, 7) of each patch: the corner (3,) [m] with the lowest coordinates, the number of
     cells per metre, and the number of cells along x, y and z."""
     cells: Indices
-    """Index at which each cell's faces start (cells + 1 entries), followed by the faces that overlap each
-    cell."""
+    """Index at which the faces of each grid cell (see `box`) start in this array (cells + 1 entries),
+    followed by the faces, cell by cell."""
     limb: Array
-    """Limb segment of each patch (p, 15), see `limb_numbers`. Zeros for a patch that is on no limb segment.
+    """Properties (p, 15) of each patch's limb segment: rotation of the mount (9 numbers), origin (3), length,
+    side, and index of the segment. Zeros for a patch that is on no limb segment.
     """
     on: Places
     """Indices (p, 3) of the patch's link, of the link of its limb segment, and of its part's row in the
@@ -94,19 +97,23 @@ class Estimates(NamedTuple):
     """Pressure [Pa] that corresponds to a deviation of two counts. A light touch begins at this pressure. The
     value is infinite while the taxel's noise is unknown."""
     hidden: Array
-    """Pressure [Pa] below which the edge of a touch is not measured. The value is 0 for sheets and switches,
-    on which a touch has no gradual edge."""
+    """Pressure [Pa] below which the edge of a touch is not measured. The value is 0 for taxels on which a
+    touch has no gradual edge, such as switches and the taxels of a palm or a sole."""
 
 
 class SkinMemory(NamedTuple):
     """Statistics of the current estimation windows, and the data from which they are computed."""
 
     statistics: Single
-    """Six values per taxel (6, n); `kernels.condition` explains the rows."""
+    """Rows (6, n) with one value per taxel: the present signal [counts], the signal before it, and, since the
+    window began, the sum of signals, the largest deviation, the sum of absolute second differences, and the
+    number of changes."""
     blocks: Indices
-    """Four values per block (b, 4); `kernels.condition` explains the columns."""
+    """Four values (b, 4) for each block of up to 64 taxels: counts of repeated frames and of saturated
+    taxels, and two flags. `kernels.condition` explains the columns."""
     patches: Array
-    """Nine values per patch (p, 9); `kernels.condition` explains the columns."""
+    """State (p, 9) of each patch's estimation window, such as its length and number of frames.
+    `kernels.condition` explains the columns."""
     smoothed: Array
     """Filtered pressure (n,) [Pa] of the previous frame. The shape is (0,) if pressures are not filtered."""
     room: Single
@@ -114,8 +121,8 @@ class SkinMemory(NamedTuple):
     counts: Places
     """Number of active taxels (p,) of each patch."""
     active: Indices
-    """Indices (n,) of active taxels within their patch. The indices of a patch begin at the index of its
-    first taxel."""
+    """Active taxels (n,), as indices within their patch. The list of each patch begins at the place of the
+    patch's first taxel in the whole skin."""
     pressure: Array
     """Pressures (n,) [Pa] of the active taxels, in the order of `active`."""
 
@@ -210,4 +217,4 @@ CONTACTS = record(
     ContactArrays, writes(1, int64), writes(1, int64), _C, _C, _C, _C, _C, _V, _V, _V, _V, _V, _C, _C, _V,
     writes(1, int64), writes(1, int64), _C, _V,
 )  # fmt: skip
-"""Numba types of the fields of the named tuples above. Fields that are not listed are `float64`."""
+"""Numba types of the fields of the named tuples above. Arrays without a stated type contain `float64`."""

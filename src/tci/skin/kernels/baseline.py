@@ -19,7 +19,8 @@ THRESHOLD, LEAST, FLUCTUATING, SHARE, LIVELY, TYPICAL, DRIFT, FLOOR, OWN, RELEAS
 - `FLUCTUATING`: fraction of changed frames from which a taxel counts as noisy.
 - `SHARE`: least fraction of quiet taxels for an estimate of drift.
 - `LIVELY`: noise [counts] from which a healthy taxel never stays constant.
-- `TYPICAL`, `DRIFT`, `FLOOR`: typical noise so far, largest drift and lowest signal [counts].
+- `TYPICAL`, `DRIFT`, `FLOOR` [counts]: typical noise before this window, largest drift during this window,
+  and lowest signal that the sensor can send.
 - `OWN`, `RELEASE`, `NOISE`: weights of this window in the rest value of a quiet taxel, in the rest value of a
   taxel below rest, and in the noise."""
 ROOM = 6
@@ -45,7 +46,8 @@ class BaselineArrays(NamedTuple):
     initialised: NDArray[np.bool_]
     """True for taxels with an estimate of their noise."""
     rested: NDArray[np.bool_]
-    """True for taxels that have been at rest in at least one window."""
+    """True for taxels that have been at rest in at least one estimation window, at the end of which the
+    estimates are updated."""
     frozen: NDArray[np.bool_]
     """True for taxels that fluctuate at rest but were constant in the latest window. Windows of these taxels
     are not used for estimates."""
@@ -132,7 +134,8 @@ def update_baseline(
     Returns the patch's typical noise [counts]. `neighbours` (m, 2) are pairs of neighbouring taxels. With
     `afresh`, the rest values of quiet taxels become the window's mean. If a taxel that fluctuates at rest was
     constant for a whole window, the last change of its rest value is undone, since the taxel may have frozen
-    during the window before. `THRESHOLD` describes the entries of `numbers`, and `ROOM` the shape of `room`.
+    during the window before. `numbers` (11,) are settings, with the indices `THRESHOLD` to `NOISE`; `room`
+    (6, n) is work space.
     """
     offset, noise, mean = estimates.offset, estimates.noise, window.mean
     deviation, present, ordered, quiet, touched, taught = room[0], room[1], room[2], room[3], room[4], room[5]

@@ -1,6 +1,6 @@
 """Turns raw values into active taxels with pressure (conditioning), in compiled loops.
 
-The loops also compute the statistics of estimation windows.
+The loops also compute statistics of the signals, from which rest values and noise are estimated.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ SIGNAL, BEFORE, TOTAL, PEAK, SECOND_DIFFERENCE, CHANGES = range(6)
 """Rows of `SkinMemory.statistics`.
 
 The first two rows are the present signal [counts] and the signal before it. The others are computed since the
-window began: the sum of signals, the largest deviation, the sum of absolute second differences, and the
-number of changes."""
+window began: the sum of signals, the largest absolute deviation from the estimated rest value, the sum of the
+signal's absolute second differences, and the number of the signal's changes."""
 REPEATS, REPEATED, LIVE, SATURATED = range(4)
 """Columns of `SkinMemory.blocks`:
 
 - `REPEATS`: number of repeated frames that are not yet added to the statistics.
-- `REPEATED`: 1 if the next frame is only counted when it is equal to this one, else 0.
+- `REPEATED`: 1 if a next frame with equal values will only increase `REPEATS`, else 0.
 - `LIVE`: 1 if any taxel is active.
 - `SATURATED`: number of saturated taxels."""
 STAMP, ELAPSED, FRAMES, IN_WINDOW, DIFFERENCES, DROPPED, CONSTANT, DUE, LEAST = range(9)
@@ -64,8 +64,8 @@ STAMP, ELAPSED, FRAMES, IN_WINDOW, DIFFERENCES, DROPPED, CONSTANT, DUE, LEAST = 
 - `DUE`, `LEAST`: length [s] of the window, and its least number of frames."""
 ROWS, BLOCK_COLUMNS, PATCH_COLUMNS = 6, 4, 9
 GAP = 1.0
-"""Upper bound [s] on the frame interval that is added to the length of an estimation window. Assumed: during
-a longer pause the patch was not observed."""
+"""If more than this time [s] has passed since the previous frame, only this time is added to the length of
+the estimation window. Assumed: during a longer pause the patch was not observed."""
 _STEP, _FEW = 256, 8
 """Numbers of values that are examined at once: _STEP in the comparison of two frames, _FEW in the search for
 active taxels."""
@@ -107,7 +107,8 @@ def _note(
     """Updates the statistics of one block of taxels with the raw values of one or more equal frames.
 
     The loop has no branches, so that the processor can compute eight taxels at once. Returns the number of
-    values dropped, the number of saturated taxels, and 1 if any taxel is active.
+    values outside the valid range, which count as rest values; the number of saturated taxels; and 1 if any
+    taxel is active, otherwise 0.
     """
     end = begin + len(values)
     signals, befores, totals = (
@@ -164,7 +165,8 @@ def _response(counts: float, nodes: Array, first: int, end: int) -> float:
 def _deviate(begin: int, estimates: Estimates, statistics: Single, found: Single) -> None:
     """Writes the deviation [counts] of each taxel of a block into `found`, or 0 if the taxel is not active.
 
-    The block begins at the taxel `begin`. The loop has no branches, as in `_note`.
+    The block begins at the taxel `begin`. The loop has no branches, so that the processor can compute several
+    taxels at once.
     """
     end, nothing = begin + len(found), np.float32(0.0)
     signals, offsets = statistics[SIGNAL, begin:end], estimates.offset[begin:end]

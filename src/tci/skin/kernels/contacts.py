@@ -149,9 +149,10 @@ def cluster(
 def _on_limb(
     T_SL: tuple[Row, Row, Row], x: float, y: float, z: float, length: float, side: float
 ) -> tuple[float, float, float]:
-    """Returns u, y and z on the generic limb for a point of the link (eqs 4, 6).
+    """Projects a point (x, y, z) [m] in the link's frame to the surface of the generic limb. Returns the
+    coordinates (u, y, z) there, in limb lengths (eqs 4, 6).
 
-    All three are NaN if the patch is on no limb. See `limb_coordinates` and `generic_limb_point`.
+    All three are NaN if the patch is on no limb.
     """
     if length == 0.0:
         return np.nan, np.nan, np.nan
@@ -167,7 +168,8 @@ def _on_limb(
 
 @inlined
 def _fill(taxels: Indices, forces: Array, layout: LayoutArrays) -> float:
-    """Returns the fill factor around `taxels` (k,) with `forces` (k,) [N], averaged over the touch's width.
+    """Returns the mean fill factor of `taxels` (k,), weighted by `forces` (k,) [N], for the width of the
+    touch.
 
     The width is computed from the mean square distance of the taxels from the centre of force, weighted by
     force. For a round touch it is the standard deviation of a Gaussian.
@@ -205,7 +207,8 @@ def _summarise(
     c: int, p: int, T_SL: tuple[Row, Row, Row], hidden: Array, layout: LayoutArrays, clusters: Clusters,
     row: Array,
 ) -> None:  # fmt: skip
-    """Writes the summary (SUMMARY,) of one cluster of patch `p`."""
+    """Writes the force, largest force on a taxel, area, position and normal of cluster `c` on patch `p` into
+    `row` (13,)."""
     taxels = layout.taxel
     total, peak, area, pressure, edge = 0.0, 0.0, 0.0, 0.0, 0.0
     mean_x, mean_y, mean_z = 0.0, 0.0, 0.0

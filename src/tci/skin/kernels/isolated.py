@@ -40,7 +40,7 @@ is on a sparse skin, where every touch presses a single taxel."""
 
 @inlined
 def _has_neighbours(taxel: int, layout: LayoutArrays, least: Array, reach: float) -> bool:
-    """Returns True if at least `SURROUNDED` trusted neighbours of a taxel are within `reach` [m] of it. A
+    """Returns True if a taxel has at least two (`SURROUNDED`) trusted neighbours within `reach` [m]. A
     neighbour is trusted if its value in `least` is finite."""
     taxels, graph = layout.taxel, layout.graph
     x, y, z = taxels[taxel, 0], taxels[taxel, 1], taxels[taxel, 2]
@@ -87,7 +87,8 @@ def _was_touched(taxel: int, before: Places) -> bool:
 
 @inlined
 def _wait_on(place: int, stamp: float, force: float, waiting: Array, now: Array) -> bool:
-    """Writes the state of an isolated taxel into the row `now` (WAITING,). The next frame needs this row.
+    """Writes the data of one isolated taxel into `now` (5,). The next frame reads this row as part of its
+    `waiting`.
 
     Returns False if the taxel has just become active.
     """
@@ -130,14 +131,15 @@ def reject_isolated(
     """Removes clusters of a single taxel that are not a touch, see `IsolatedSettings`.
 
     The first row of `rules` (2, p) is the time [s] for which an isolated taxel of each patch must be pressed.
-    A time of 0 means that no time is required. The second row is the pressure at the end of the sensor's
-    range, without the taxels' gains. A taxel with at least this pressure, or a fluctuating taxel, must also
-    have changed its value at least `ALIVE` times while it was pressed. `reach` [m] is the value of
-    `IsolatedSettings.reach`. A taxel belongs to a contact only if the force on it is at least `floor` [N].
-    `before` (k,) are the taxels of all contacts in the previous frame, as indices within the whole skin.
-    `waiting` (w, WAITING) are the isolated taxels in the previous frame. Returns the number of remaining
-    clusters, the number of their taxels, and the number of rows written to `fresh` (m, WAITING). Pass these
-    rows as `waiting` for the next frame.
+    With a time of 0, all isolated taxels of the patch are kept. The second row is the pressure at the end of
+    the sensor's range, without the taxels' gains. A taxel with at least this pressure, or with so much noise
+    that its value should not stay constant, must also have changed its value at least `ALIVE` times while it
+    was pressed. `reach` [m] is the distance within which a touch presses several taxels of a dense skin. A
+    taxel belongs to a contact only if the force on it is at least `floor` [N]. `before` (k,) are the taxels
+    of all contacts in the previous frame, as indices within the whole skin. `waiting` (w, WAITING) are the
+    isolated taxels in the previous frame. Returns the number of remaining clusters, the number of their
+    taxels, and the number of rows written to `fresh` (m, WAITING). Pass these rows as `waiting` for the next
+    frame.
     """
     waits, kept, filled, c, begin = 0, 0, 0, 0, 0
     bound, member, forces = clusters.bound, clusters.member, clusters.member_force

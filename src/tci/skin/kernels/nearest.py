@@ -64,7 +64,8 @@ def nearest(point: Vector, p: int, layout: LayoutArrays, p_L: Array, n_L: Array)
 def _closer(
     point: Vector, taxels: Array, a: int, b: int, c: int, best: float, p_L: Array, n_L: Array
 ) -> float:
-    """Writes the point and normal of face a b c if this face is nearer than `best` [m2], a squared distance.
+    """Writes the point of a face that is nearest to `point`, and the normal there, if the squared distance
+    between these points is less than `best` [m2]. The corners of the face are the taxels `a`, `b` and `c`.
 
     The normal is not normalised. Returns the least squared distance [m2] so far. Coordinates are separate
     variables, because array slices would take longer than the arithmetic.

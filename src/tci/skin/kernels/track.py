@@ -106,9 +106,10 @@ def track(
 
     Contacts of a patch are matched with tracks of the patch that were seen within the last `linger` [s]. Of
     all pairs with a distance of at most `reach` [m], the nearest pair is matched first. Contacts without a
-    match are new and are numbered from `fresh` on. `old` (t, TRACK) are the previous tracks. `stamps` (p,)
-    [s] are the times of the patches' frames. The new tracks are written to `tracks` (t + c, TRACK). `best`
-    (c, 3) is work space. Returns the next free identity and the number of rows in use in `tracks`.
+    match are new and are numbered from `fresh` on. `old` (t, TRACK) are the t previous tracks, with TRACK
+    numbers each. `stamps` (p,) [s] are the times of the patches' frames. The new tracks are written to
+    `tracks` (t + c, TRACK). `best` (c, 3) is work space. Returns the next free identity and the number of
+    rows in use in `tracks`.
     """
     used, contacts, begin = 0, len(out.site), 0
     for i in range(len(old)):  # tracks of patches without contacts wait for the next one

@@ -196,9 +196,10 @@ class Board(ABC):
 class BoardV3(Board):
     """Control board of YARP 3.12.
 
-    Calls consist of vocabularies, such as `[get] [llim] 3`. The board answers `[is] [llim] data [tsta] n t
-    [ok]`, with the sequence number n and the time t [s]. The answer is `[fail]` if the call failed, and
-    `[nak]` if the board does not know the call.
+    Calls consist of vocabularies (words of up to four letters), such as `[get] [llim] 3` for the lower limit
+    of joint 3. The answer to this call is `[is] [llim] x [tsta] n t [ok]`, with the limit x, the sequence
+    number n and the time t [s]. The answer is `[fail]` if the call failed, and `[nak]` if the board does not
+    know the call.
     """
 
     dialect = V3

@@ -26,8 +26,9 @@ Answers = Callable[..., Sequence[Any] | None]
 def answer_v4(board: BoardService, items: Sequence[Any]) -> list[Any] | bytes:
     """Returns the answer to a call in the form of YARP 4.0.
 
-    The answer to an executed call is `[ok]` or `([ok]) data`. The answer to a refused call has the same
-    fields, with an error instead of `[ok]`. The answer is `[fail]` if YARP 4.0 does not have the method.
+    The answer to an executed call is `[ok]`, or, if the method returns data, a list with `[ok]` followed by
+    the data. The answer to a refused call has the same fields, with an error instead of `[ok]`. The answer is
+    `[fail]` if YARP 4.0 does not have the method.
     """
     first = items[0] if items else ""
     method = first.word if isinstance(first, Vocab) else str(first)

@@ -51,7 +51,8 @@ Motion = Annotated[tuple[float, ...], Field(strict=False), AfterValidator(_one_a
 
 
 class Circle(Description):
-    """Position and size of a receptive field: base class of `ReceptiveField` and of the tables in a file."""
+    """Position and size of a receptive field. Base class of `ReceptiveField`, and of the class for a field's
+    table in a TOML file."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
     """Name of the field. No other field of a set has this name."""

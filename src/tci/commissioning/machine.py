@@ -23,8 +23,8 @@ from tci.robot.catalogue import load_robot, robot_names
 PERIOD = 0.002
 """Period [s] of the wake-ups in the test of the clock, equal to the control period of simulated robots."""
 LATE = 1e-3
-"""Largest delay [s] of wake-ups (99th percentile) that gives no warning. Assumed: half of the period of the
-wake-ups."""
+"""Largest delay [s] of wake-ups (99th percentile) that gives no warning. Assumed: a loop with a period of 2
+ms can tolerate half a period."""
 
 
 def examine_machine(*, duration: float = 0.4) -> tuple[Finding, ...]:

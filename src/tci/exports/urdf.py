@@ -22,9 +22,9 @@ def to_urdf(robot: Robot) -> str:
     """Returns URDF text with links, joints, inertias, and an additional link for the torso frame.
 
     The joints' names come from the model, and their limits come from the robot's description. A revolute
-    joint without known limits becomes continuous. Raises the errors of `links_of`. Raises DescriptionError
-    for joints that URDF can't express: a joint with an axis that does not pass through its link's origin, or
-    a prismatic joint without limits.
+    joint without known limits becomes continuous. Raises DescriptionError if the robot has no model, and for
+    joints that URDF can't express: a joint with an axis that does not pass through its link's origin, or a
+    prismatic joint without limits.
     """
     root = E.robot(name=robot.name)
     links = links_of(robot)

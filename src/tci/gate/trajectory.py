@@ -202,8 +202,8 @@ class OnlineTrajectory:
 
     @property
     def _waits(self) -> bool:
-        """True if servos outside their limits may not move back inside, since this motion was refused. No
-        servo then moves until the next command."""
+        """True if servos are outside their limits and their motion back inside was refused, for example
+        because of a self-collision. No servo then moves until the next command."""
         if self.drives or (self._stopping and not self._returns):
             return False
         return not (self.whole_state[1].any() or self._sags)

@@ -91,8 +91,8 @@ class PatchEstimator:
         self.write_health(taxels, estimates)
 
     def write_health(self, taxels: slice, estimates: Estimates) -> None:
-        """Writes which taxels of this patch are ignored (`muted`), and the pressures `least`, `onset` and
-        `hidden`, which `Estimates` explains.
+        """Writes into `estimates`, for the `taxels` of this patch: which taxels are ignored (`muted`), and
+        the pressures [Pa] `least`, `onset` (two counts) and `hidden`.
 
         The pressure `least`, above which a taxel is active, corresponds to at least one count. The pressure
         `hidden`, below which the faint edge of a touch is not measured, corresponds to at least half a count;

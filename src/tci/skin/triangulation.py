@@ -89,7 +89,7 @@ def _around_axis(places: Array, normals: Array) -> NDArray[np.intp]:
 
 
 def unroll(places: Array, normals: Array) -> tuple[Array, float, Array]:
-    """Returns a limb's unrolled skin, the length [m] of a turn, and three unit vectors (3, 3).
+    """Returns a limb's unrolled skin, the circumference [m] of the limb, and three unit vectors (3, 3).
 
     The unrolled skin (n, 2) [m] has one coordinate around the axis and one along the axis. The first unit
     vector points along the axis. The second and third are perpendicular to the axis: the angle around the

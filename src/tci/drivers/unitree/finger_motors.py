@@ -1,7 +1,7 @@
 """Commands to the motors of one Dex3 hand.
 
 Each command requests that the motors stop by themselves one second after the last command. Therefore the
-fingers stop if this process is killed, and need no second process as the arms do.
+fingers stop if this process is killed. Unlike the arms, they need no second process (keeper).
 """
 
 from __future__ import annotations

@@ -26,8 +26,8 @@ def limb_numbers(part: GenericPart, segment: Segment) -> Array:
 
 @inlined
 def limb_pose(T_TL: Array, T_TG: Array, limb: Array, posture: Array) -> tuple[Row, Row, Row]:
-    """Returns the rows of T_SL (3, 4), the pose of a link at `T_TL` (4, 4) in the segment's frame S. See
-    `segment_pose`.
+    """Returns three rows (3, 4) of the pose T_SL of a link in the frame S of a limb's segment. `T_TL` (4, 4)
+    is the pose of the link in the torso frame T.
 
     `T_TG` (4, 4) is the pose of the link that carries the segment. `limb` (15,) is the result of
     `limb_numbers`. `posture` (4,) [rad] are the first four generic angles of the arm.

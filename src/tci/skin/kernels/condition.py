@@ -46,10 +46,10 @@ The first two rows are the present signal [counts] and the signal before it. The
 window began: the sum of signals, the largest absolute deviation from the estimated rest value, the sum of the
 signal's absolute second differences, and the number of the signal's changes."""
 REPEATS, REPEATED, LIVE, SATURATED = range(4)
-"""Columns of `SkinMemory.blocks`:
+"""Columns of `SkinMemory.blocks`, with a row for each block of 64 taxels:
 
 - `REPEATS`: number of repeated frames that are not yet added to the statistics.
-- `REPEATED`: 1 if a next frame with equal values will only increase `REPEATS`, else 0.
+- `REPEATED`: 1 if another equal frame would only be counted in `REPEATS`, else 0.
 - `LIVE`: 1 if any taxel is active.
 - `SATURATED`: number of saturated taxels."""
 STAMP, ELAPSED, FRAMES, IN_WINDOW, DIFFERENCES, DROPPED, CONSTANT, DUE, LEAST = range(9)

@@ -126,7 +126,7 @@ def run_capability(
             poked = sessions.poke_forearm(driver)
             if not as_json:
                 console.print(f"the simulated finger pokes {poked}", style="dim")
-        filmed = _film(driver, film) if film is not None else None
+        filmed = _film(driver, film, quiet=as_json) if film is not None else None
 
         def see(tick: Tick) -> None:
             view.tick(tick, session)
@@ -162,12 +162,18 @@ def run_capability(
         raise SystemExit(1)
 
 
-def _film(driver: Driver, path: Path) -> Film:
-    """Starts to film the left arm of a simulated robot. Raises CommandError if the robot is not simulated."""
+def _film(driver: Driver, path: Path, *, quiet: bool) -> Film:
+    """Starts to film the left arm of a simulated robot. Unless `quiet`, prints how long the drawing takes.
+    Raises CommandError if the robot is not simulated."""
     from tci.capabilities.fields import default_fields
     from tci.drivers.simulated import SimulatedDriver
-    from tci.pictures.film import Film
+    from tci.pictures.film import EVERY, Film
 
     if not isinstance(driver, SimulatedDriver):
         raise CommandError("--film needs a simulated robot; valid: --via sim")
+    if not quiet:
+        console.print(
+            f"the film has {round(1.0 / EVERY)} pictures per second of the run; each takes about a second",
+            style="dim",
+        )
     return Film(driver.world, path, fields=default_fields(), part="left_arm")

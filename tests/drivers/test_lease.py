@@ -4,6 +4,7 @@ commander."""
 from __future__ import annotations
 
 import fcntl
+import gc
 import os
 import signal
 import subprocess
@@ -165,7 +166,7 @@ def test_26_a_lease_whose_file_is_taken_away_stays_with_its_holder(folder: Path,
         else:
             file_in(folder).unlink()
         held.check()
-        refused(f"commanded by process {os.getpid()} already")
+        refused(rf"commanded by process {os.getpid()} \(this process\) already")
     with lease(NAME):
         pass
 
@@ -184,7 +185,9 @@ def test_26_who_is_quicker_than_the_holder_of_a_removed_file_commands_alone(
         with lease(driver.info.lease_name) as second:
             for _ in range(2):
                 safe = driver.gate.step((), driver.read().joints, driver.clock.now())
-                with pytest.raises(DriverError, match=f"commanded by process {os.getpid()} already"):
+                with pytest.raises(
+                    DriverError, match=rf"commanded by process {os.getpid()} \(this process\) already"
+                ):
                     driver.write(safe)
             second.check()
 
@@ -203,7 +206,7 @@ def test_26_a_lease_that_is_removed_while_it_is_taken_is_taken_anew(
     monkeypatch.setattr(fcntl, "flock", remove_first)
     with lease(NAME):
         assert file_in(folder) == removed[0]
-        refused(f"commanded by process {os.getpid()} already")
+        refused(rf"commanded by process {os.getpid()} \(this process\) already")
 
 
 def test_26_an_interrupted_start_leaves_no_lease(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -327,3 +330,44 @@ def test_26_a_second_driver_of_this_process_writes_beside_the_first(folder: Path
 def test_26_a_simulation_of_ones_own_needs_no_lease(folder: Path) -> None:
     write(SimulatedDriver(tci.load_robot("nao")))
     assert not folder.exists()
+
+
+def test_26_a_wrapper_uses_the_lease_of_the_driver_inside(folder: Path) -> None:
+    driver = DriverWrapper(SimulatedDriver(tci.load_robot("nao")), lease_name=NAME)
+    write(driver)
+    with DriverWrapper(driver) as wrapped:
+        assert tci.run(wrapped, tci.WithdrawalReflex(), duration=0.01)
+    with lease(NAME):
+        pass
+
+
+def test_26_a_driver_that_is_dropped_without_closing_gives_the_lease_back(folder: Path) -> None:
+    driver = DriverWrapper(SimulatedDriver(tci.load_robot("nao")), lease_name=NAME)
+    write(driver)
+    del driver
+    gc.collect()
+    with lease(NAME):
+        pass
+
+
+def test_26_a_second_driver_of_this_process_checks_the_lease_too(folder: Path) -> None:
+    first, second = (DriverWrapper(SimulatedDriver(tci.load_robot("nao")), lease_name=NAME) for _ in range(2))
+    write(first)
+    write(second)
+    file_in(folder).unlink()
+    code = f"from tci.drivers.lease import Lease; held = Lease({NAME!r}); print('held', flush=True); input()"
+    with subprocess.Popen([sys.executable, "-c", code], stdin=-1, stdout=-1, text=True) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "held\n"
+        for driver in (second, first):
+            with pytest.raises(DriverError, match=f"commanded by process {other.pid} already"):
+                write(driver)
+        other.kill()
+
+
+def test_26_a_run_that_only_reads_takes_no_lease(folder: Path) -> None:
+    with (
+        DriverWrapper(SimulatedDriver(tci.load_robot("nao"), arm=False), lease_name=NAME) as driver,
+        lease(NAME),
+    ):
+        tci.run(driver, tci.WithdrawalReflex(), duration=0.01, write=False)

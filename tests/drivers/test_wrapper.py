@@ -16,7 +16,7 @@ import tci
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver, NativePart
 from tci.drivers.info import DriverInfo
-from tci.drivers.lease import is_held
+from tci.drivers.lease import held
 from tci.drivers.wrapper import DriverWrapper
 from tci.gate.gate import SafeCommand
 from tci.messages import JointReading, Reading
@@ -70,8 +70,8 @@ def written(driver: Driver, told: Told) -> bool:
 
 def commanded(driver: Driver, told: Told) -> bool:
     with driver.commanding():
-        held = is_held(told.info.lease_name)
-    return held and not is_held(told.info.lease_name)
+        taken = held(told.info.lease_name)
+    return taken is not None and held(told.info.lease_name) is None
 
 
 FORWARDED: dict[str, Callable[[Driver, Told], bool]] = {

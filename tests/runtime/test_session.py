@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
+import pytest
+
 import tci
 from tci.drivers.simulated import SimulatedDriver
 from tci.gate.gate import GateState
@@ -9,11 +14,17 @@ from tci.runtime.run_log import Event
 from tci.runtime.session import Session
 
 
-def test_a_robot_that_is_only_read_shows_touches_and_does_not_move() -> None:
+@pytest.mark.parametrize(
+    "reflex", [tci.WithdrawalReflex(), tci.SoftReaction(), tci.WithdrawalReflex(mode="velocity")]
+)
+def test_a_robot_that_is_only_read_shows_touches_and_does_not_move(
+    reflex: tci.Capability[Any], tmp_path: Path
+) -> None:
     events: list[Event] = []
-    with SimulatedDriver(tci.load_robot("nao"), arm=False) as driver:
+    robot, file = tci.load_robot("nao"), tmp_path / "read.mcap"
+    with SimulatedDriver(robot, arm=False) as driver, tci.Recorder(file, robot) as recorder:
         driver.world.finger.poke("left_forearm", 150)
-        session = Session(driver, tci.WithdrawalReflex(), listen=events.append)
+        session = Session(driver, reflex, listen=events.append, recorder=recorder)
         session.run(0.5)
         assert driver.gate.state is GateState.HOLD
     assert session.error is None
@@ -22,3 +33,5 @@ def test_a_robot_that_is_only_read_shows_touches_and_does_not_move() -> None:
     assert not session.result.moved
     assert not session.failed
     assert any("read-only" in event.words for event in events)
+    assert not any("at rest" in event.kind for event in events)
+    assert all(tick.decision is None for tick in tci.Recording(file).ticks())

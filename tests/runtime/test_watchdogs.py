@@ -131,6 +131,19 @@ def test_torques_that_stay_equal_while_a_simulated_arm_creeps_to_rest_are_not_fr
         assert not silence.fault(Reading(joints, ()), 0.02 * k)
 
 
+@pytest.mark.parametrize(("degrees_per_s", "rate"), [(0.5, 100), (1.0, 500), (5.0, 1000)])
+def test_torques_that_freeze_while_an_arm_moves_slowly_are_told(degrees_per_s: float, rate: int) -> None:
+    robot = tci.load_robot("g1-bare")
+    silence, count = SkinWatchdog(robot, stale_after=0.05), len(robot.servos)
+    for k in range(rate):
+        now = k / rate
+        position = np.full(count, np.deg2rad(degrees_per_s) * now)
+        joints = JointReading(now, 0, position, np.zeros(count), np.full(count, 1.3))
+        if silence.fault(Reading(joints, ()), now):
+            break
+    assert now == pytest.approx(LEAST_SILENCE, abs=0.05)
+
+
 @pytest.mark.parametrize(("stale_after", "longest"), [(0.05, STOOD), (0.5, 0.5)])
 def test_a_standstill_is_longer_than_a_busy_machine_and_than_what_the_driver_allows(
     stale_after: float, longest: float

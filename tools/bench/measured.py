@@ -64,7 +64,7 @@ def row(
     if most is not None:
         target, met = f"<= {most:g} {unit}", ours <= most
     if most_ratio is not None:
-        target, met = f"{target} <= {most_ratio:.2g} x".strip(), ratio <= most_ratio and met is not False
+        target, met = f"{target} <= {most_ratio:.3g} x".strip(), ratio <= most_ratio and met is not False
     if least_ratio is not None:
         target, met = f">= {least_ratio:g} x", ratio >= least_ratio
     theirs = statistics.median(b for _, b in pairs)

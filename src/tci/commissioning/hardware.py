@@ -142,6 +142,7 @@ class ServoCheck:
         the reason for an early end. The reason is None if the servo arrived.
         """
         driver = self.driver
+        target = float(np.clip(target, servo.limits.lower, servo.limits.upper))
         command = PlatformCommand(
             Mode.POSITION, np.array([servo.index]), np.array([target]), np.array([SPEED])
         )

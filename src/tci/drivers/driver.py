@@ -8,13 +8,14 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from types import TracebackType
 from typing import Self
+from weakref import finalize
 
 import numpy as np
 
 from tci.clock import Clock, ticks
 from tci.drivers.diagnosis import Finding
 from tci.drivers.info import DriverInfo
-from tci.drivers.lease import Lease, has_locks, is_held, lease
+from tci.drivers.lease import Lease, has_locks, held, lease
 from tci.errors import CommandError, DriverError, UnknownNameError
 from tci.gate.gate import Gate, SafeCommand
 from tci.messages import JointReading, Mode, PlatformCommand, Reading
@@ -131,16 +132,20 @@ class Driver(ABC):
     def commanding(self) -> Iterator[None]:
         """Acquires the lease on the robot at the start of the `with` block and releases it at the end.
 
-        `write` checks the lease at each call. On a system without file locks, simulations and recordings need
-        no lease. Raises DriverError in the cases that `Lease.__init__` lists.
+        A lease that an earlier `write` acquired is kept. `write` checks the lease at each call. On a system
+        without file locks, simulations and recordings need no lease. Raises DriverError in the cases that
+        `Lease.__init__` lists.
         """
         if self.info.harmless and not has_locks():
             yield
             return
-        self._release()
-        with lease(self.info.lease_name) as held:
+        if (kept := self._kept_lease()) is not None:
+            kept.check()
+            yield
+            return
+        with lease(self.info.lease_name) as taken:
             own = self.info.lease_name.startswith(f"sim:{self.robot.name}:{os.getpid()}:")
-            self._check_lease = held.check_inside if own else held.check
+            self._check_lease = taken.check_inside if own else taken.check
             try:
                 yield
             finally:
@@ -151,9 +156,17 @@ class Driver(ABC):
         driver in this process has it. Raises DriverError in the cases that `Lease.__init__` lists."""
         if self._check_lease is not None:
             self._check_lease()
-        elif not (self.info.harmless or is_held(self.info.lease_name)):
+        elif not self.info.harmless:
+            if (other := held(self.info.lease_name)) is not None:
+                other.check()
+                return
             self._lease = Lease(self.info.lease_name)
             self._check_lease = self._lease.check
+            finalize(self, self._lease.close)  # a notebook may drop a driver without closing it
+
+    def _kept_lease(self) -> Lease | None:
+        """Returns the lease that `write` acquired."""
+        return self._lease
 
     def _release(self) -> None:
         if self._lease is not None:

@@ -55,6 +55,7 @@ class Lease:
         self._path = _path(name)
         self._owner = os.getpid()
         self._handles: list[int] = []
+        self._locked = False
         self._take()
 
     def check(self) -> None:
@@ -87,6 +88,7 @@ class Lease:
         """Releases the lease. A second call has no effect."""
         with _LOCK:
             _HELD.discard(self)
+            self._locked = False
             while self._handles:
                 os.close(self._handles.pop())
 
@@ -116,6 +118,7 @@ class Lease:
         except BlockingIOError:
             content = os.pread(handle, 64, 0)
             holder = content.decode() if _HOLDER.fullmatch(content) else "another process"
+            holder += " (this process)" if holder == f"process {os.getpid()}" else ""
             raise DriverError(
                 f"{self._name} is commanded by {holder} already; valid: one commander at a time"
             ) from None
@@ -125,6 +128,7 @@ class Lease:
             return False
         os.ftruncate(handle, 0)
         os.pwrite(handle, f"process {os.getpid()}".encode(), 0)
+        self._locked = True
         return True
 
     def _opened(self, path: Path, flags: int) -> int:
@@ -176,10 +180,12 @@ def has_locks() -> bool:
     return fcntl is not None
 
 
-def is_held(name: str) -> bool:
-    """Returns True if an object in this process holds the lease `name`."""
+def held(name: str) -> Lease | None:
+    """Returns the lease `name` if an object in this process holds it."""
+    if fcntl is None:
+        return None
     path = _path(name)
-    return any(one._path == path and one._handles for one in tuple(_HELD))
+    return next((one for one in tuple(_HELD) if one._locked and one._path == path), None)
 
 
 def _path(name: str) -> Path:

@@ -8,6 +8,7 @@ from typing import Any
 
 from tci.drivers.diagnosis import Finding
 from tci.drivers.driver import Driver, NativePart
+from tci.drivers.lease import Lease
 from tci.gate.gate import SafeCommand
 from tci.messages import Reading
 
@@ -44,3 +45,6 @@ class DriverWrapper(Driver):
 
     def _close(self) -> None:
         self.inner.close()
+
+    def _kept_lease(self) -> Lease | None:
+        return super()._kept_lease() or self.inner._kept_lease()

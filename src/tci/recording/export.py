@@ -37,10 +37,11 @@ def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]
 
     If `robot` is given, also returns `contacts`. Every table has a column `time_s`: the time of the
     measurement, command or decision on the driver's clock. The mode of a command determines the unit of its
-    values. Angles are in [rad], speeds in [rad/s], torques in [N m]. In the table of a patch, `raw` (frames,
-    channels) are the unchanged values. With a `robot`, `pressure_pa` and `force_n` (frames, taxels) are
-    computed from the raw values. Pressures and forces are NaN for frames that were not used, because they do
-    not fit the robot or came in the wrong order. Raises RecordingError if the recording can't be read.
+    values; the values of a CartesianCommand are a target of its `point`. Angles are in [rad], speeds in
+    [rad/s], torques in [N m]. In the table of a patch, `raw` (frames, channels) are the unchanged values.
+    With a `robot`, `pressure_pa` and `force_n` (frames, taxels) are computed from the raw values. Pressures
+    and forces are NaN for frames that were not used, because they do not fit the robot or came in the wrong
+    order. Raises RecordingError if the recording can't be read.
     """
     rows: dict[str, list[tuple[float, dict[str, Any]]]] = {}
     frames: dict[str, list[SkinFrame]] = {}
@@ -110,7 +111,7 @@ def _joints(fields: dict[str, Any]) -> dict[str, Any]:
 
 
 def _command(fields: dict[str, Any]) -> dict[str, Any]:
-    row = {name: fields[name] for name in ("kind", "part", "mode")}
+    row = {name: fields[name] for name in ("kind", "part", "mode", "point", "nearest")}
     row["servos"] = " ".join(map(str, fields["servos"]))
     return row | {f"value_{k}": value for k, value in enumerate(fields["values"])}
 

@@ -102,11 +102,13 @@ def _from_module(module: str, name: str) -> object:
 
 
 def _in_folder(module: str) -> list[str]:
-    """Returns MODULE:CLASS for each capability in a file of the working directory, if `module` names one."""
-    if not (module.isidentifier() and Path(f"{module}.py").is_file()):
+    """Returns MODULE:CLASS for each class with a base class in MODULE.py of the working directory. The list
+    is empty if there is no such file, or if it is no valid Python file."""
+    try:
+        tree = ast.parse(Path(f"{module}.py").read_text(encoding="utf-8"))
+    except (OSError, ValueError, SyntaxError):
         return []
-    tree = ast.parse(Path(f"{module}.py").read_text(encoding="utf-8"))
-    return [f"{module}:{node.name}" for node in tree.body if isinstance(node, ast.ClassDef)]
+    return [f"{module}:{node.name}" for node in tree.body if isinstance(node, ast.ClassDef) and node.bases]
 
 
 def _can_run(one: object) -> bool:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -121,7 +121,7 @@ def run(
     body = GenericBody(driver.robot, settings or BodySettings())
     loop = _Loop(driver, capability, body, observe, guard, report or LoopReport(), write)
     loop.sensed = sensed
-    with driver.commanding(), interruptions() as interruption, frozen_garbage():
+    with driver.commanding() if write else nullcontext(), interruptions() as interruption, frozen_garbage():
         try:
             start = driver.clock.now()
             loop.begin(start)
@@ -215,7 +215,7 @@ class _Loop(Generic[Memory]):
         if self.write:
             self.driver.write(sent)
         self.account.add(seen, reading.joints.position, sent, opening=opening)
-        if opening and sent.refusals:
+        if opening and self.write and sent.refusals:
             name = type(self.capability).__name__
             raise CommandError(f"{name} can't begin: {'; '.join(map(str, sent.refusals))}")
         self._begun |= seen is not None

@@ -79,8 +79,9 @@ class RunLog:
         if now_state != self._state:
             self._state = now_state
             reason = tick.sent.reason or "no fault any more"
-            self.write(tick.now, state.name, f"{reason} ({MEANING[state]})")
-            self._ended = None if state is GateState.RUN else self._ended or tick.now
+            armed = self._driver.armed
+            self.write(tick.now, state.name, f"{reason} ({MEANING[state]})" if armed else str(reason))
+            self._ended = None if state is GateState.RUN or not armed else self._ended or tick.now
         if state is GateState.STOP or self.worst is GateState.RUN:
             self.worst = state
         if self._ended is not None and not (np.abs(tick.sent.velocity) > STILL).any():

@@ -105,7 +105,9 @@ class Session:
 
         def see(tick: Tick) -> None:
             if self.recorder is not None:
-                self.recorder.tick(tick.now, tick.reading, tick.commands, tick.sent)
+                self.recorder.tick(
+                    tick.now, tick.reading, tick.commands, tick.sent if self.driver.armed else None
+                )
             log.see(tick)
             self._observe(tick)
 

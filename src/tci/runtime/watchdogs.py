@@ -125,13 +125,13 @@ class TorqueWatchdog:
             for part, servos in self._servos.items():
                 torque, position = joints.torque[servos], joints.position[servos]
                 before = self._seen.get(part)
-                frozen = (
-                    before is not None
-                    and np.array_equal(torque, before[0])
-                    and bool(np.any(np.abs(position - before[1]) > MOVED))
-                )
+                if before is None or not np.array_equal(torque, before[0]):
+                    start, frozen = position, False
+                else:
+                    start = before[1]
+                    frozen = bool(np.any(np.abs(position - start) > MOVED))
                 if np.isfinite(torque).any() and not frozen:
-                    self._seen[part] = torque, position, now
+                    self._seen[part] = torque, start, now
         self._stamp = joints.stamp
         for part, (_, _, latest) in self._seen.items():
             if (silent := now - latest) > self._longest:

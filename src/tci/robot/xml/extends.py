@@ -63,7 +63,9 @@ def _files(file: Path) -> Iterator[tuple[etree._Element, bytes, str]]:
 def _merge(base: etree._Element, other: etree._Element, source: str) -> None:
     """Adds the attributes and children of `other` to `base`. `other` is an element of the file `source`.
     Raises DescriptionError if `other` removes an element that `base` does not have."""
-    changes = {name: value for name, value in other.attrib.items() if name != ATTRIBUTE}
+    changes = {
+        name: value for name, value in other.attrib.items() if name != ATTRIBUTE and base.get(name) != value
+    }
     text = other.text if other.text is not None and other.text.strip() else None
     base.attrib.update(changes)
     if text is not None:

@@ -228,7 +228,7 @@ _NAMES = {
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 _EXTRAS = {"tci.capabilities.behaviour_tree": "py_trees"}
-"""For each module of `_NAMES` that needs a package from an extra of TCI: the name of this package."""
+"""Packages that some modules need in addition, by module. Extras of TCI install these packages."""
 
 
 def __getattr__(name: str) -> Any:

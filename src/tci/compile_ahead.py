@@ -66,7 +66,8 @@ def compile_ahead(is_missing: Callable[[], bool]) -> None:
 
 @contextmanager
 def _alone() -> Iterator[None]:
-    """Waits until no other process compiles loops. Prints a line on stderr if it has to wait.
+    """Prevents other TCI processes from compiling loops during the `with` block. If another process compiles
+    already, first waits for it, and prints a line about this on stderr.
 
     On a system without file locks, two processes may compile the same loops; this only costs time.
     """
@@ -107,7 +108,8 @@ def _processors() -> int:
 
 
 def _show_progress(claims: Path, workers: list[subprocess.Popen[bytes]]) -> None:
-    """Shows the workers' progress on stderr until they end: in one line on a terminal, else every 10 s."""
+    """Shows the progress of compiling on stderr until the `workers` end: in one line on a terminal, otherwise
+    in a new line every 10 s."""
     begin, terminal = time.monotonic(), sys.stderr.isatty()
     back, end, pause = ("\r", "", 0.2) if terminal else ("", "\n", 10.0)
     print("tci: compiling its loops for this processor, once after installing it: about half a minute on two "
@@ -124,11 +126,8 @@ def _show_progress(claims: Path, workers: list[subprocess.Popen[bytes]]) -> None
 
 
 def _state(claims: Path, now: float) -> str:
-    """Returns a line for the user: the number of finished loops and the estimated remaining time. `now` [s]
+    """Returns a line for the user: the number of compiled loops, and the estimated remaining time. `now` [s]
     is the time since the start.
-
-    The estimate assumes that the compile time of a loop is proportional to the length of the loop's bytecode
-    (`_length`).
     """
     if not (claims / "all").exists():
         return "finding its loops"
@@ -179,8 +178,8 @@ def work() -> None:
 
 
 def _length(loop: Any) -> int:
-    """Returns the length [bytes] of the bytecode of a loop and of all loops that are inserted into it. Long
-    bytecode mostly takes long to compile."""
+    """Returns a measure of the compile time of a loop: the length [bytes] of its bytecode and of the bytecode
+    of all loops that are inserted into it."""
     function = loop.py_func
     inserted = (function.__globals__.get(name) for name in function.__code__.co_names)
     return len(function.__code__.co_code) + sum(_length(one) for one in inserted if hasattr(one, "py_func"))

@@ -56,11 +56,10 @@ def compiled(*signatures: Any, allocates: bool = False) -> Callable[[Callable[..
 
 
 class _OnlyMachineCode(CompileResultCacheImpl):
-    """Converts a compiled loop to the data in the cache. Leaves out bitcode and annotations, which nobody
-    reads.
+    """Converts a compiled loop to the data in the cache, without LLVM's bitcode and without annotations.
+    Loading a loop then takes half the time.
 
-    Numba needs the bitcode of a loop only if another loop calls this loop. TCI's loops call only `inlined`
-    loops, which are not cached. Parsing the bitcode took half of the time for loading a loop.
+    Numba needs the bitcode only of a loop that other loops call. Loops in the cache never call each other.
     """
 
     def reduce(self, result: Any) -> tuple[Any, ...]:
@@ -80,7 +79,7 @@ class _OnlyMachineCode(CompileResultCacheImpl):
 
 
 class _Cache(FunctionCache):
-    """The machine code of one loop on disk."""
+    """Cache on disk with the machine code of one compiled loop."""
 
     _impl_class = _OnlyMachineCode
 
@@ -90,10 +89,10 @@ class _Cache(FunctionCache):
         self._is_ours = loop.__module__.startswith("tci.")
 
     def load_overload(self, signature: Any, context: Any) -> Any:
-        """Returns the loop for a signature, or None if it is not in the cache.
+        """Returns the compiled loop for the argument types `signature`, or None if the cache lacks it.
 
-        If the cache lacks the loop, all loops are compiled first. Numba's own method would first load
-        everything that Numba can compile, also SciPy, which takes half a second.
+        If the cache lacks one of TCI's loops, first compiles all of them. Numba's own method would also load
+        SciPy, which takes half a second.
         """
         load: Callable[..., Any] = self._load_overload
         found = load(signature, context)
@@ -124,7 +123,8 @@ def _jit(loop: Callable[..., Any], **options: bool) -> Any:
 
 @cache
 def _stamp(file: Path) -> str:
-    """Returns a hash of a file and of all files of TCI that it imports, directly or indirectly."""
+    """Returns a hash that changes if `file`, or a file of TCI that it imports directly or indirectly,
+    changes."""
     digest = hashlib.sha256()
     for one in sorted(_sources(file)):
         digest.update(_content(one))

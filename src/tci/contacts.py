@@ -17,8 +17,8 @@ from tci.records import quick
 
 _ARRAY = np.ndarray
 _set_writable: Any = _ARRAY.setflags
-"""Makes an array writable or read-only. Passing the argument of `setflags` by keyword would take three times
-as long."""
+"""Function `(array, writable)` that makes an array writable or read-only. Calling `array.setflags` with a
+keyword would take three times as long."""
 
 
 class Frozen:
@@ -36,8 +36,8 @@ class Frozen:
 
 
 _GETTERS: dict[type, Callable[[object], tuple[Any, ...]]] = {}
-"""For each subclass of `Frozen`: a function that returns all fields of an object. One such call is faster
-than one call per field."""
+"""For each class of data: a function that returns all fields of an object. One such call is faster than one
+call per field."""
 
 
 def _values(data: Frozen) -> tuple[Any, ...]:
@@ -173,8 +173,8 @@ _NUMBERS = ("onset", "displacement", "force", "peak", "area", "u", "theta", "tax
 
 
 class _Number:
-    """Attribute of a `Contact` whose value is a number. The value is the contact's element in the attribute
-    of `Contacts` that has the same name."""
+    """Attribute of a `Contact` whose value is a number: the element of this contact in the array with the
+    same name in `Contacts`."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -184,8 +184,8 @@ class _Number:
 
 
 class _Vector(_Number):
-    """Attribute of a `Contact` whose value is a vector (3,). The value is the contact's row in the attribute
-    of `Contacts` that has the same name."""
+    """Attribute of a `Contact` whose value is a vector (3,): the row of this contact in the array with the
+    same name in `Contacts`."""
 
     def __get__(self, contact: Contact, owner: type) -> Array:  # type: ignore[override]  # no number
         vector: Array = getattr(contact.table, self.name)[contact.row]

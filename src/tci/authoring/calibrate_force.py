@@ -142,8 +142,9 @@ def fit_force(parts: Array, load: Array, blocks: NDArray[np.intp], *, raw: Array
 
 
 def _fit(parts: Array, load: Array, penalties: Sequence[float]) -> list[tuple[Array, float]]:
-    """Returns, for each penalty on differences between the taxels' gains, these gains (n,) and the offset [N]
-    of the load.
+    """Fits a measured `load` (m,) [N] by gains of the taxels' forces `parts` (m, n) [N] plus an offset.
+    Returns the gains (n,) and the offset [N] for each of `penalties`; a larger penalty makes the gains more
+    alike.
 
     All gains are 0 if the load does not increase with the forces of the patch.
     """
@@ -158,9 +159,9 @@ def _fit(parts: Array, load: Array, penalties: Sequence[float]) -> list[tuple[Ar
 
 
 def _factors(parts: Array, load: Array, penalties: Sequence[float]) -> Iterator[Array]:
-    """Yields, for each penalty, the gains (n,) of the taxels relative to the gain of the patch.
+    """Yields, for each of `penalties`, the gains (n,) of the taxels divided by the gain of the whole patch.
 
-    The gains are found by ridge regression, with a penalty on the differences from the gain of the patch.
+    A larger penalty makes the gains more alike.
     """
     same = np.ones(parts.shape[1])
     U, S, Vt = np.linalg.svd(parts - parts.mean(axis=0), full_matrices=False)
@@ -178,8 +179,8 @@ def _factors(parts: Array, load: Array, penalties: Sequence[float]) -> Iterator[
 
 
 def _choose(parts: Array, load: Array, blocks: NDArray[np.intp], folds: int = 4) -> float:
-    """Returns the penalty on differences between the taxels' gains with which the fit has the least error on
-    held-out blocks of frames."""
+    """Returns the penalty on differences between the taxels' gains with which the fit best predicts frames
+    that it does not use. Frames with the same number in `blocks` (m,) are left out together."""
     squares = np.zeros(len(PENALTIES))
     for fold in range(folds):
         out = blocks % folds == fold
@@ -198,9 +199,11 @@ def _root_mean_square(values: Array) -> float:
 
 
 def _along(forces: Array, total: Array) -> Array:
-    """Returns the component (m,) [N] of `forces` (m, components) along the direction of largest change.
+    """Returns the load (m,) [N]: the component of the measured `forces` (m, components) [N] along the
+    direction in which they change most.
 
-    The sign of this component is chosen such that the component increases with `total` (m,).
+    The sign of the load is chosen such that the load increases with `total` (m,), the sum of the raw values
+    of each frame.
     """
     away = forces - forces.mean(axis=0)
     load: Array = forces @ np.linalg.svd(away, full_matrices=False)[2][0]
@@ -208,16 +211,16 @@ def _along(forces: Array, total: Array) -> Array:
 
 
 def _rest(counts: Array) -> Array:
-    """Returns rest values (n,) [counts]: medians over the frames with the least sum of counts."""
+    """Returns the rest value (n,) [counts] of each taxel: its median over those frames of `counts` (m, n) in
+    which the sum over all taxels is least."""
     least = np.argsort(counts.sum(axis=1), kind="stable")[: max(BLOCK, int(REST * len(counts)))]
     rest: Array = np.median(counts[least], axis=0)
     return rest
 
 
 def _noise(counts: Array) -> Array:
-    """Returns the noise (n,) [counts]: the median, over all blocks, of the standard deviation in a block.
-
-    In most blocks the load hardly changes.
+    """Returns the noise (n,) [counts] of each taxel: the median of its standard deviations within groups of
+    10 successive frames of `counts` (m, n).
     """
     whole = counts[: len(counts) // BLOCK * BLOCK].reshape(-1, BLOCK, counts.shape[1])
     noise: Array = np.median(whole.std(axis=1, ddof=1), axis=0)

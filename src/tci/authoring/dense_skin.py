@@ -42,8 +42,9 @@ def with_dense_skin(robot: Robot, taxels: int, *, patches: int | None = None, pi
 
 
 def _piece(patch: Patch, fit: ConeFit, number: int, of: int, taxels: int, pitch: float) -> Patch:
-    """Returns one patch with about `taxels` taxels on a section of a limb's cone. The cone is divided into
-    `of` sections; `number` (from 0) is the index of the section."""
+    """Returns a patch with about `taxels` taxels on section `number` (from 0) of the `of` sections of a
+    limb's cone `fit`. The patch is wider than the limb if its taxels would otherwise be closer together than
+    `pitch` [m]."""
     gap = 0.05 if number + 1 < of else 0.0
     begin, end = fit.length * number / of, fit.length * (number + 1 - gap) / of
     r1, r2 = float(fit.radius(np.array(begin))), float(fit.radius(np.array(end)))

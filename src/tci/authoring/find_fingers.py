@@ -134,8 +134,8 @@ def find_fingers(
 
 
 def _chain(joints: Sequence[Joint], first: int, able: Sequence[int]) -> tuple[int, ...]:
-    """Returns the chain that begins with the joint `first`. If the chain branches, as in linkages of
-    grippers, the result is empty."""
+    """Returns the joint `first` and all joints in `able` that follow it outwards, as indices. If the chain
+    branches, as in linkages of grippers, the result is empty."""
     chain, after = [], [first]
     while len(after) == 1:
         chain.append(after[0])
@@ -147,10 +147,10 @@ def _finger(
     joints: Sequence[Joint], chain: tuple[int, ...], facts: Mapping[str, JointFacts],
     tips: Mapping[int, Array],
 ) -> Finger:  # fmt: skip
-    """Returns a chain as a finger without name and spread.
+    """Describes a chain of joints as a finger. Its name, and the joint that spreads it, are not set yet.
 
-    Raises DoubtfulFingersError if the bending direction can't be derived from the limits, or the end of the
-    finger is unknown.
+    Raises DoubtfulFingersError if the joints' limits do not show in which direction the finger bends, or if
+    the end of the finger is unknown.
     """
     last = joints[chain[-1]].axis
     first = next(
@@ -181,8 +181,8 @@ def _base(joints: Sequence[Joint], finger: Finger) -> Array:
 
 
 def _named(joints: Sequence[Joint], finger: Finger) -> str | None:
-    """Returns the name of the finger, for example "thumb": the word that occurs in most names of the finger's
-    joints and links. Returns None if no such word occurs."""
+    """Returns the name of the finger, for example "thumb", according to the names of its joints and links;
+    None if these contain no word for a finger."""
     words = [word for one in finger.chain for word in (joints[one].name, joints[one].link)]
     counts = {name: sum(bool(words_of.search(word)) for word in words) for name, words_of in _NAMES.items()}
     most = max(counts, key=counts.__getitem__)
@@ -190,9 +190,10 @@ def _named(joints: Sequence[Joint], finger: Finger) -> str | None:
 
 
 def _thumb(joints: Sequence[Joint], fingers: Sequence[Finger], trust: str | None) -> int:
-    """Returns the index of the thumb, found by its place and by its name.
+    """Returns the index of the thumb, found by its place and by its name. If these contradict each other,
+    `trust` ("names" or "places") decides.
 
-    Raises DoubtfulFingersError if place and name contradict each other, or if there is no thumb.
+    Raises DoubtfulFingersError if there is no thumb, or if the contradiction is left open (`trust` is None).
     """
 
     def alike(without: int) -> float:
@@ -242,7 +243,8 @@ def _across(
 
 
 def _spread(joints: Sequence[Joint], finger: Finger, palmar: Array, radial: Array) -> Finger:
-    """Adds to `finger` the joint that spreads it; returns `finger` unchanged if it has no such joint."""
+    """Returns `finger` with the joint that spreads it, if there is one. `palmar` and `radial` are unit
+    vectors (3,) out of the palm and along the palm towards the thumb."""
     free = finger.chain[: -len(finger.flexion)]
     if not free:
         return finger

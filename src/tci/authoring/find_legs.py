@@ -66,7 +66,8 @@ def find_legs(
 
 
 def _leg(joints: Sequence[Joint], chain: Sequence[int], side: Side, slanted: float) -> Leg | None:
-    """Returns the leg in a chain of joints from the root outwards; None if the chain contains no leg."""
+    """Returns the leg in `chain`, a chain of joints from the root outwards; None if the chain contains no
+    leg. `slanted` is the least cosine between the axis of hip pitch and the y axis."""
     sign = 1.0 if side == "left" else -1.0
     down = [one for one in chain if abs(joints[one].axis[1]) > ALIKE]
     hips = [one for one in chain if abs(joints[one].axis[1]) > slanted]
@@ -88,9 +89,8 @@ def _leg(joints: Sequence[Joint], chain: Sequence[int], side: Side, slanted: flo
 
 
 def _first_aside(joints: Sequence[Joint], chain: Sequence[int], sign: float) -> int | None:
-    """Returns the place in `chain` of the first joint that carries only joints of one side.
-
-    `sign` is 1 for the left side, -1 for the right side. Returns None if there is no such joint.
+    """Returns the index in `chain` of the first joint that carries only joints of one side: the left side if
+    `sign` is 1, the right side if `sign` is -1. Returns None if there is no such joint.
     """
     for place, one in enumerate(chain):
         if all(

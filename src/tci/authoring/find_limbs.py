@@ -137,11 +137,12 @@ def _arms_of(
     model: Model, joints: Sequence[Joint], pairs: Sequence[Pair], points: LinkPoints, R_RH: Array, *,
     chosen: tuple[str, str] | None, lone: Sequence[Limb],
 ) -> dict[str, Limb]:  # fmt: skip
-    """Returns the two arms by side, each with the end of its forearm. `lone` are the limbs for which no
-    mirror image was found.
+    """Returns the two limbs of `pairs` that are the arms, by side, each with the end of its forearm. `chosen`
+    are the names of their first joints, if the user gave these names; `lone` are limbs without a mirror
+    image.
 
-    Raises DescriptionError if no pair of limbs is a pair of arms, if several are, or if the place and the
-    names of a pair contradict each other.
+    Raises DescriptionError if not exactly one pair of limbs can be the arms, or if nothing shows the end of a
+    forearm.
     """
     if chosen is not None:
         own = [
@@ -211,8 +212,8 @@ def _ended(
 
 
 def _medians(joints: Sequence[Joint]) -> list[float]:
-    """Returns possible coordinates y [m] of the median plane, for a model whose root is beside this plane.
-    For each returned plane, one limb is the mirror image of another limb.
+    """Returns possible y coordinates [m] of the median plane, for a model whose root is beside this plane:
+    those at which one limb is the mirror image of another.
     """
     tolerance = MIRRORED * extent_of(joints)
     limbs = [limb for bend in range(len(joints)) if (limb := limb_at(joints, bend)) is not None]
@@ -234,9 +235,10 @@ def _shifted(joints: Sequence[Joint], median: float) -> tuple[Joint, ...]:
 
 
 def _points(limb: Limb, median: float) -> dict[str, Any]:
-    """Returns the points of a limb relative to the model's root.
+    """Returns the points `centre`, `middle` and `wrist` of a limb, by these names, relative to the model's
+    root.
 
-    The points in `limb` are relative to a root that is shifted by `median` [m] along y into the median plane.
+    In `limb`, the points are relative to the median plane, which is at y = `median` [m].
     """
     away = np.array([0.0, median, 0.0])
     return {name: getattr(limb, name) + away for name in ("centre", "middle", "wrist")}
@@ -296,8 +298,8 @@ def _own_line(joints: Sequence[Joint], limb: Limb, trunk: tuple[int, ...]) -> li
 
 
 def _shared_link(model: mujoco.MjModel, bodies: list[int], path: str) -> str:
-    """Returns the name of the link that is the nearest common ancestor of two bodies. Raises DescriptionError
-    if this is the world."""
+    """Returns the name of the nearest link that carries both of two `bodies` (indices in the model). Raises
+    DescriptionError if no link but the world carries both."""
     lines = []
     for body in bodies:
         line = []
@@ -317,8 +319,8 @@ def _shared_link(model: mujoco.MjModel, bodies: list[int], path: str) -> str:
 def _median_chain(
     joints: Sequence[Joint], trunk: tuple[int, ...], used: set[int], *, above: float
 ) -> tuple[int, ...]:
-    """Returns the longest chain of joints on the torso that lies in the median plane and ends higher than
-    `above` [m]."""
+    """Returns the joints of the head: the longest chain of joints on the torso that lies in the median plane
+    and ends higher than `above` [m]. Joints in `used` are left out."""
     root, tolerance = trunk[0] if trunk else -1, MIRRORED * extent_of(joints)
     best: tuple[int, ...] = ()
     for index, joint in enumerate(joints):

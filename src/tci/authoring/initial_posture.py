@@ -102,11 +102,11 @@ def clear_of_body(draft: Robot, arms: Sequence[GenericPart]) -> list[GenericPart
 
 
 def _room(draft: Robot, joints: JointMap, posture: Array, *, turned: float = TURNED) -> float:
-    """Returns the least distance [rad] of an arm's servos from their limits in a posture.
+    """Returns the distance [rad] of an arm's servos from the nearest limit in a posture, negative beyond the
+    limit.
 
-    The rotation of each shoulder joint from its rest (the model's zero, or the middle of its range) is also
-    limited, to `turned` [rad]. If the servos can't reach the posture, ten times the largest error [rad] of a
-    generic angle is subtracted.
+    A shoulder joint is also limited to `turned` [rad] from its rest, which is the nearer of the model's zero
+    and the middle of the joint's range. If the servos can't reach the posture, the result is much lower.
     """
     start, (lower, upper) = np.zeros(len(draft.servos)), _limits(draft, joints)
     angles = joints.to_robot(posture, start)

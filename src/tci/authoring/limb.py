@@ -91,8 +91,9 @@ def limb_at(joints: Sequence[Joint], bend: int) -> Limb | None:
 def _second_segment(
     joints: Sequence[Joint], bend: int, middle: Array, length: float
 ) -> tuple[int | None, Array]:
-    """Returns the joint that turns the forearm about its length (None if there is none), and the forearm's
-    end (3,) [m]."""
+    """Returns the index of the joint that turns the forearm about its length (None if there is none), and the
+    forearm's end (3,) [m]. The forearm begins at the elbow `middle` (3,) [m], and `length` [m] is that of the
+    upper arm."""
     after = [index for index, joint in enumerate(joints) if joint.parent == bend]
     turns: list[tuple[float, int, Array]] = []
     for index in after:

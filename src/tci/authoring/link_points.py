@@ -151,7 +151,8 @@ class LinkPoints:
         return points
 
     def _on_mesh(self, mesh: int) -> Array:
-        """Returns points that are sampled uniformly over the area of a mesh."""
+        """Returns points (k, 3) [m] that are sampled uniformly over the area of a mesh, in the frame of the
+        mesh."""
         model = self._model
         first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
         vertices = model.mesh_vert[first : first + count].astype(float)
@@ -205,9 +206,9 @@ def cone_around(points: Array, origin: Array, axis: Array, begin: float, end: fl
 
 
 def _outermost(points: Array, origin: Array, axis: Array) -> Array:
-    """Returns the outermost of `points` (n, 3) [m] in each piece of the limb's surface, as an array (k, 3)
-    [m]. A piece is a sector around the limb's axis and a section along it. Returns an empty array if there
-    are fewer points than sectors."""
+    """Returns those of `points` (n, 3) [m] that lie on the outside of a limb, as an array (k, 3) [m]: one
+    point for each piece of the limb's surface. A piece is a sector around the limb's axis and a section along
+    it. The result is empty for very few points."""
     if len(points) < SECTORS:
         return np.zeros((0, 3))
     side = np.linalg.svd(axis[None])[2][1:]

@@ -14,8 +14,9 @@ from tci.frames import Array
 
 PER_MODULE = 12
 _PAD = 0.25
-"""A channel counts as a thermal pad if its range of values is below this fraction of the median range in its
-module. Assumed: far above 0.07, the fraction for the pads on an iCub's foot."""
+"""A channel counts as a thermal pad, not as a taxel, if its range of values is below this fraction of the
+median range in its module (a group of channels). Assumed: far above 0.07, the fraction for the pads on an
+iCub's foot."""
 
 
 def live_channels(values: Array, *, per_module: int = PER_MODULE) -> NDArray[np.bool_]:

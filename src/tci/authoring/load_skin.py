@@ -142,10 +142,10 @@ class _LoadSession:
         """Prepares a session.
 
         Args: driver: The robot's driver, which is open. patch: Name of the patch. channels: Index (taxels,)
-            in the raw frame of each taxel's value; for a three-axis taxel, of the value along its normal.
-            ask: Called with a request to the person; returns when the person has done it. progress: Called
-            after each frame with a text on the purpose of the frames (for example "under 5 N"), the number of
-            frames so far, and the number wanted.
+            of each taxel's value in a raw frame; for a three-axis taxel, the index of the value along its
+            normal. ask: Called with a request to the person; returns when the person has done it. progress:
+            Called after each frame with a text on the purpose of the frames (for example "under 5 N"), the
+            number of frames so far, and the number wanted.
         """
         self.driver = driver
         self.patch = patch
@@ -224,8 +224,8 @@ def _pressed(session: _LoadSession, surface: Surface, weights: Sequence[float]) 
 
 
 def _compare(sensor: Any, areas: Array, found: PatchCalibration, load: Load) -> dict[str, float]:
-    """Returns three forces [N] of a load: the known force, the force computed with the response in the
-    description, and the force computed with the calibrated response."""
+    """Returns three forces [N] by name: the known force of `load`, and the force that the skin measures with
+    the response in the description and with the calibrated response."""
     counts = np.sign(sensor.pascal_per_count) * (load.values - np.array(found.rest))
     counts = measured_counts(counts, np.array(found.noise))
     after = sensor.model_copy(update={"response": found.response})

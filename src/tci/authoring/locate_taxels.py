@@ -115,11 +115,11 @@ def locate_taxels(touches: Sequence[ProbeTouch], initial: Array) -> LocatedTaxel
 
 
 class _Problem:
-    """Least-squares problem of `locate_taxels`.
+    """Estimates taxel positions from touches at known places, by least squares.
 
-    The unknowns are the positions (n, 3) [m] of the taxels, the place c_t of the largest response to each
-    touch t, the logarithm of this response A_t, and 1 / (2 w^2) with the width w of a response.
-    `locate_taxels` contains the formula of the responses.
+    The response of a taxel is modelled as a Gaussian function of its distance from the centre of the touch.
+    Unknowns are the positions (n, 3) [m] of the taxels, the centre and the largest response of each touch,
+    and one width for all touches.
     """
 
     def __init__(
@@ -138,7 +138,8 @@ class _Problem:
         self.shares = weights / total[rows]
 
     def solve(self) -> tuple[Array, float]:
-        """Returns the positions (n, 3) [m] of the taxels, and the width w [m] of the responses to a touch."""
+        """Returns the positions (n, 3) [m] of the taxels, and the width [m] of the responses to a touch, as
+        the standard deviation of a Gaussian."""
         n, t = len(self.x), len(self.points)
         for _ in range(ROUNDS):
             jacobian, residual = self._linear()
@@ -207,5 +208,6 @@ class _Problem:
         return coo_array(entries, shape=(height, 3 * n + 4 * t + 1)).tocsr(), np.concatenate(residuals)
 
     def _firsts(self) -> NDArray[np.intp]:
-        """Returns for each touch the index of its first response in the list of all responses."""
+        """Returns, for each touch, the index of its first response in the arrays of all responses, which are
+        sorted by touch."""
         return np.searchsorted(self.rows, np.arange(len(self.points)))

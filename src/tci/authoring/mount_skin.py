@@ -202,19 +202,18 @@ def moved_patch(robot: Robot, patch: str, correction: Array) -> Robot:
 
 
 def _centre(surface: Surface, contact: Contact) -> tuple[Array, Array]:
-    """Returns the centre (3,) [m] of the pressed taxels, projected onto the surface, and the normal (3,) at
-    this point. The forces are not used."""
+    """Returns the centre (3,) [m] of a contact's pressed taxels, projected onto the surface of the skin, and
+    the normal (3,) there. All pressed taxels have equal weight."""
     points, normals = surface.project(surface.positions[contact.taxels].mean(axis=0)[None])
     return points[0], normals[0]
 
 
 def _fit(reported: Array, normals: Array, met: Array) -> tuple[Array, float]:
-    """Returns the correction of the skin's place as a pose (4, 4), and the depth [m] of the touches. Pose and
-    depth are fitted in turn, until the places that the two skins report for each touch agree best (least
-    squares).
+    """Fits the place of a skin on its link to n touches by another skin, by least squares. Returns the
+    correction as a pose (4, 4), and the mean depth [m] to which the touches press the skins into each other.
 
-    If the depth were neglected, a skin around half of a limb would be placed too deep. For a flat skin the
-    depth can't be determined and stays 0.
+    `reported` and `met` (n, 3) [m] are the places of the touches as this skin and the other skin measure
+    them; `normals` (n, 3) are this skin's normals. For a flat skin the depth can't be determined and stays 0.
     """
     depth = 0.0
     for _ in range(TURNS):

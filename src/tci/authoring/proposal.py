@@ -155,8 +155,8 @@ def _side(name: str) -> Side:
 
 
 def _first(body: FoundLimbs, shoulder: int) -> int:
-    """Returns the first joint that carries only one arm. This joint is the shoulder, or a collar bone that
-    carries the shoulder."""
+    """Returns the joint at which an arm begins: the joint `shoulder`, or the joint of a collar bone that
+    carries the shoulder and no other limb."""
     joint = shoulder
     others = {limb.ball[0] for limb in body.arms.values()} | {leg.chain[0] for leg in body.legs.values()}
     while (parent := body.joints[joint].parent) >= 0 and len(others & set(body.behind(parent))) == 1:

@@ -83,14 +83,14 @@ def largest_flexion(
 
 
 def _bent_at_zero(body: FoundLimbs, limb: Limb, sense: float) -> float:
-    """Returns the generic elbow angle [rad] at the model's zero, if the elbow bends in the direction
-    `sense`."""
+    """Returns the generic elbow angle [rad] of an arm at the model's zero. `sense` (1 or -1) is the direction
+    in which the elbow joint turns to bend the arm."""
     return angle_about(sense * body.joints[limb.bend].axis, *axes_of(body, limb))
 
 
 def _mirrored(body: FoundLimbs, left: Sign) -> dict[str, Sign]:
-    """Returns the directions of both elbows by side. The right elbow moves as the mirror image of the left
-    elbow."""
+    """Returns the bending directions (1 or -1) of both elbow joints by side. `left` is that of the left
+    elbow; the right elbow moves as its mirror image."""
     axes = {side: body.joints[limb.bend].axis for side, limb in body.arms.items()}
     # axes are axial vectors, so a mirror image reverses x and z
     image = left * axes["left"] * [-1.0, 1.0, -1.0]
@@ -98,8 +98,8 @@ def _mirrored(body: FoundLimbs, left: Sign) -> dict[str, Sign]:
 
 
 def _shoulder_turn(draft: Robot, part: GenericPart) -> float:
-    """Finds the posture in POSTURES that the shoulder reaches with the smallest rotations from the model's
-    zero. Returns the largest rotation [rad] of a shoulder joint in that posture."""
+    """Returns the rotation [rad] from the model's zero that a shoulder needs for the nearest of several usual
+    postures. It is the rotation of the joint that turns farthest."""
     digest = f"{part.name} bent {part.servos[3].scale}"
     joints = joint_map(draft.model_copy(update={"parts": (part,), "digest": digest}), part.name)
     start, shoulder = np.zeros(len(draft.servos)), joints.ids < 3
@@ -153,8 +153,8 @@ def _segments(body: FoundLimbs, limb: Limb, points: LinkPoints) -> tuple[Segment
 
 
 def _linear_where_exact(draft: Robot, part: GenericPart, *, mount: bool) -> GenericPart:
-    """Returns the arm with eq. 1 as the transform of its shoulder, if eq. 1 is exact in the torso frame or,
-    with `mount`, in another mount frame.
+    """Returns the arm with eq. 1 (generic angle = factor * servo angle + offset) for its shoulder, if eq. 1
+    is exact in the torso frame or, with `mount`, in another mount frame.
 
     If eq. 1 is not exact, the arm is returned unchanged.
     """

@@ -64,11 +64,8 @@ def find_hands(
 
 
 def _alike(hands: Hands) -> Hands:
-    """Returns the hands with equal opposition angles of both thumbs at the model's zero, if these angles
-    differ only because of rounding.
-
-    If the two angles differ by at most the rounding step of 15 degrees (`ROUNDED`), both thumbs get the angle
-    of the first hand. Otherwise both angles stay unchanged.
+    """Gives both thumbs the opposition angle of the first hand, if their angles at the model's zero differ by
+    at most one rounding step (15 degrees).
     """
     thumbs = [found[0].offset for found in hands.values() if found[0].name == "thumb"]
     if len(thumbs) < 2 or abs(thumbs[0] - thumbs[1]) > 1.01 * ROUNDED:
@@ -128,8 +125,8 @@ def _tips(body: FoundLimbs, arm: int, points: LinkPoints) -> dict[int, Array]:
     """Returns the end (3,) [m] of each link that the joint `arm` carries, by the index of the joint that
     moves this link. The ends are in the frame H: x forward, y left, z up.
 
-    The end is the place of the next joint. If there is no next joint, the end of the link's geometry is used.
-    If the link has no geometry either, the link is assumed to be as long as the previous link.
+    The end is the place of the next joint, or else the far end of the link's geometry. If there is neither,
+    the link is assumed to be as long as the previous link.
     """
     ends = {}
     for one in carried(body.joints, arm):
@@ -144,7 +141,8 @@ def _tips(body: FoundLimbs, arm: int, points: LinkPoints) -> dict[int, Array]:
 
 
 def _drive(name: str, own: Mapping[str | None, Servo], facts: Mapping[str, JointFacts]) -> _Drive | None:
-    """Returns the servo that moves a joint, directly or by coupling; None if no servo moves the joint."""
+    """Returns the servo that moves the joint `name`, by itself or through a joint that this joint follows
+    mechanically; None if no servo moves the joint."""
     multiplier, offset = 1.0, 0.0
     while name not in own:
         given = facts.get(name)
@@ -156,11 +154,11 @@ def _drive(name: str, own: Mapping[str | None, Servo], facts: Mapping[str, Joint
 
 
 def _flexion(bends: Sequence[tuple[float, _Drive]]) -> tuple[dict[int, float], float]:
-    """Returns the factors, by servo index, and the offset [rad] with which a finger's flexion is computed
-    from servo angles: flexion = sum of factor * angle + offset.
+    """Returns factors by servo index, and an offset [rad]: a finger's flexion [rad] is the sum of factor *
+    servo angle, plus the offset.
 
-    The flexion is the angle of the finger's first joint. If the finger has several motors, the other motors
-    follow the first motor in the ratio of their ranges.
+    The flexion is the angle of the finger's first bending joint. If the finger has several motors, they are
+    assumed to move in the ratio of their ranges.
     """
     if not bends:
         return {}, 0.0
@@ -180,10 +178,10 @@ def _flexion(bends: Sequence[tuple[float, _Drive]]) -> tuple[dict[int, float], f
 def _generic(
     draft: Robot, id: int, name: str, factors: Mapping[int, float], offset: float, shared: Mapping[int, int]
 ) -> GenericServo:
-    """Returns a generic joint of a finger.
+    """Returns a generic joint of a finger, whose angle is the sum of factor * servo angle, plus `offset`
+    [rad].
 
-    The conversion is eq. 1 if only one servo moves the joint and this servo moves no other joint. Otherwise
-    the conversion is a synergy: a weighted sum of servo angles.
+    `factors` are by servo index. `shared` is the number of generic joints that a servo moves, by servo index.
     """
     if not factors:
         return GenericServo(id=id, name=name, servo=None)
@@ -197,8 +195,8 @@ def _generic(
 
 
 def _near_zero(servo: Servo) -> float:
-    """Returns the servo angle [rad] nearest to 0 that keeps a distance from both limits: ROOM [rad], or 0.4
-    of the servo's range if that is less."""
+    """Returns the servo angle [rad] nearest to 0 that is at least 3 degrees from both limits, or 0.4 of the
+    servo's range if that is less."""
     lower, upper = servo.limits.lower or 0.0, servo.limits.upper or 0.0
     room = min(ROOM, 0.4 * (upper - lower))
     return float(np.clip(0.0, lower + room, upper - room))

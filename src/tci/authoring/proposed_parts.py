@@ -180,7 +180,7 @@ def find_mount(shoulder: Shoulder) -> tuple[float, float, float] | None:
 def _matched(
     body: FoundLimbs, joints: Sequence[int], wanted: Mapping[str, Array]
 ) -> dict[str, tuple[int, float]]:
-    """Matches each wanted axis to one joint with a similar axis.
+    """Matches each of the `wanted` axes (unit vectors (3,) by name) to one of `joints` with a similar axis.
 
     Returns, by the name of each matched axis, the joint and a sign: 1 if the joint's axis points along the
     wanted axis, -1 if it points the opposite way.
@@ -211,8 +211,9 @@ def wrist(body: FoundLimbs, limb: Limb) -> list[int]:
 
 
 def _inside(draft: Robot, servo: int, scale: float, offset: float, wanted: float) -> float:
-    """Returns the generic angle [rad] nearest to `wanted` at which the servo keeps the distance ROOM from its
-    limits. The distance is smaller if the limits are close to each other."""
+    """Returns the generic angle [rad] nearest to `wanted` at which the servo is at least 3 degrees from its
+    limits, or less if the limits are close to each other. The generic angle is `scale` * servo angle +
+    `offset` [rad]."""
     limits = draft.servos[servo].limits
     assert limits.lower is not None
     assert limits.upper is not None

@@ -158,7 +158,7 @@ def register(points: Array, surface: LinkSurface) -> Registration:
 
 
 def _registration(before: Array, correction: Array, after: Array) -> Registration:
-    """Returns the result from distances (n,) [m] before and after a correction (4, 4)."""
+    """Summarises the distances (n,) [m] of taxels from a mesh before and after a correction (4, 4)."""
     return Registration(
         mean=float(before.mean()), largest=float(before.max()), correction=read_only(correction),
         corrected_mean=float(after.mean()), corrected_largest=float(after.max()),
@@ -166,7 +166,8 @@ def _registration(before: Array, correction: Array, after: Array) -> Registratio
 
 
 def _mesh(model: mujoco.MjModel, geom: int) -> Array:
-    """Returns the corners (f, 3, 3) [m] of a mesh's faces, in its link."""
+    """Returns the three corners of each of the f triangles of a mesh, as an array (f, 3, 3) [m] in the frame
+    of its link."""
     mesh = model.geom_dataid[geom]
     first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
     begin, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
@@ -192,10 +193,10 @@ def _right_angles() -> list[Array]:
 
 
 def _starts(points: Array, surface: LinkSurface) -> Array:
-    """Returns poses (s, 4, 4) to start from.
+    """Returns poses (s, 4, 4) at which the search for a correction starts.
 
-    The first pose is the identity. The other poses combine each of the 24 rotations by multiples of 90
-    degrees with 27 offsets between the centre of the points and the centre of the surface.
+    The first pose is the identity. The others turn the points by each of the 24 rotations by multiples of 90
+    degrees, and move their centre to 27 places at and around the centre of the surface.
     """
     centre, theirs = points.mean(axis=0), surface.points.mean(axis=0)
     return np.array(
@@ -216,16 +217,14 @@ def _best(poses: Array, points: Array, surface: LinkSurface, count: int) -> Arra
 
 
 def _placed(poses: Array, points: Array) -> Array:
-    """Returns points (s, n, 3) [m] at each of `poses` (s, 4, 4)."""
+    """Returns `points` (n, 3) [m] moved by each of `poses` (s, 4, 4), as an array (s, n, 3)."""
     placed: Array = points @ poses[:, :3, :3].swapaxes(1, 2) + poses[:, None, :3, 3]
     return placed
 
 
 def _nearest(distance: Array, share: float) -> Array:
-    """Returns the weight (s, n, 1) of n points in each of s poses.
-
-    In each pose, the points with the smallest `distance` (s, n) have the weight 1, and all others 0. `share`
-    is the fraction of points that have the weight 1.
+    """Selects, for each of s poses, the fraction `share` of n points with the smallest `distance` (s, n).
+    Returns weights (s, n, 1): 1 for a selected point, 0 for the others.
     """
     last = max(0, int(np.ceil(share * distance.shape[1])) - 1)
     farthest = np.partition(distance, last, axis=1)[:, last : last + 1]
@@ -233,10 +232,9 @@ def _nearest(distance: Array, share: float) -> Array:
 
 
 def _point_to_point(points: Array, surface: LinkSurface, poses: Array, *, steps: int) -> Array:
-    """Returns improved poses (s, 4, 4).
+    """Returns `poses` (s, 4, 4) improved such that they bring `points` (n, 3) [m] closer to the surface.
 
-    Each step ignores the tenth of `points` that is farthest from the surface, and moves the others as closely
-    as possible to their nearest surface points.
+    The tenth of the points that is farthest from the surface is ignored.
     """
     for _ in range(steps):
         distance, index = surface.tree.query(_placed(poses, points))
@@ -253,10 +251,9 @@ def _point_to_point(points: Array, surface: LinkSurface, poses: Array, *, steps:
 
 
 def _point_to_plane(points: Array, surface: LinkSurface, poses: Array, *, steps: int) -> Array:
-    """Returns improved poses (s, 4, 4).
+    """Returns `poses` (s, 4, 4) improved such that they bring `points` (n, 3) [m] closer to the surface.
 
-    Each step moves points onto the tangent planes of their nearest surface points. Distances along these
-    planes are ignored.
+    Only the distances perpendicular to the surface count; the points may slide along the surface.
     """
     for _ in range(steps):
         here = _placed(poses, points)

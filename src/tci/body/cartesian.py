@@ -110,10 +110,8 @@ class Reach:
         return read_only(np.minimum(limits, np.maximum(slowed, SLOWEST)))
 
     def _place_in_link(self) -> tuple[str, Array]:
-        """Returns the link that carries the point, and the point (3,) [m] in this link.
-
-        A point on the axis of a segment is computed at the initial posture. The result holds at every
-        posture, since a rotation of the segment about this axis does not move the point.
+        """Returns the name of the link that carries the point, and the point (3,) [m] in the frame of this
+        link.
         """
         if self.actuator.link is not None:
             return self.actuator.link, np.array(self.actuator.xyz)

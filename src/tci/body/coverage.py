@@ -23,7 +23,7 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Limb:
-    """Taxels of one part's limb."""
+    """Taxels on one arm, as arrays for a compiled loop."""
 
     links: tuple[str, ...]
     on: Indices
@@ -82,8 +82,8 @@ class Coverage:
         places: Sequence[LimbPlace],
         radius: Array,
     ) -> Array:
-        """Returns two counts for each of m places of a limb (2, m): all taxels around the place, and the
-        masked taxels."""
+        """Counts the taxels within `radius` (m,) [limb lengths] of each of m places on a limb. Returns the
+        numbers (2, m) of all taxels (row 0) and of masked taxels (row 1)."""
         limb, counts = self._limbs[part], np.zeros((2, len(places)))
         if limb is not None:
             u, theta = np.array([(place.u, place.theta) for place in places]).T
@@ -99,8 +99,8 @@ class Coverage:
     def _around(
         self, masked: NDArray[np.bool_], part: str, landmarks: tuple[Landmark, ...], radius: Array
     ) -> Array:
-        """Returns two counts for each of m landmarks (2, m): all taxels around the landmark, and the masked
-        taxels."""
+        """Counts the taxels within `radius` (m,) [m] of each of m landmarks. Returns the numbers (2, m) of
+        all taxels (row 0) and of masked taxels (row 1)."""
         key = part, landmarks, radius.tobytes()
         found = self._near.get(key)
         if found is None:

@@ -162,9 +162,8 @@ def _geodesics(surface: Surface, edges: NDArray[np.intp], point: Array, normal: 
 
 
 def _edges(count: int, faces: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Returns pairs (m, 2) of taxels that are connected by at most `STEPS` edges of the mesh `faces`.
-
-    Paths along these pairs zigzag less than paths along the mesh edges, so that their lengths are more exact.
+    """Returns pairs (m, 2) of taxels that at most 3 edges of the mesh `faces` (f, 3) connect. Paths on the
+    skin consist of such pairs.
     """
     from scipy.sparse import coo_array
 
@@ -180,11 +179,9 @@ def _edges(count: int, faces: NDArray[np.intp]) -> NDArray[np.intp]:
 
 
 def _lengths(one: Array, normal: Array, other: Array, its_normal: Array) -> Array:
-    """Returns path lengths (n,) [m] between points (n, 3) [m] with unit normals (n, 3), on skin of constant
-    curvature.
-
-    If the normal turns by 2 a along an arc, the chord is the arc's length times sin(a) / a. Note that
-    np.sinc(x) is sin(pi x) / (pi x).
+    """Returns the lengths (n,) [m] of paths on the skin between points `one` and `other` (n, 3) [m]. The unit
+    normals `normal` and `its_normal` (n, 3) at the points determine the curvature, which is assumed to be
+    constant along a path.
     """
     half = np.arccos(np.clip((normal * its_normal).sum(axis=-1), -1.0, 1.0)) / 2.0
     lengths: Array = np.linalg.norm(one - other, axis=-1) / np.sinc(half / np.pi)
@@ -192,9 +189,9 @@ def _lengths(one: Array, normal: Array, other: Array, its_normal: Array) -> Arra
 
 
 def _is_near(points: Array, normals: Array, point: Array, normal: Array) -> NDArray[np.bool_]:
-    """Returns a mask (n,) of `points` (n, 3) [m] that are directly connected to `point` (3,).
+    """Returns a mask (n,): True for those of `points` (n, 3) [m] that are near `point` (3,) [m] and whose
+    normals differ little from the normal there.
 
-    Two points are directly connected if their distance and the angle between their normals are small.
     `normals` (n, 3) and `normal` (3,) are unit normals at the points.
     """
     near: NDArray[np.bool_] = np.linalg.norm(points - point, axis=-1) <= NEAR

@@ -102,7 +102,8 @@ class Perceiver:
         self._conditioner.rezero(patch)
 
     def _find(self, posture: Mapping[str, Array], position: Array) -> None:
-        """Updates the contacts on the skin, once per skin frame."""
+        """Updates the contacts after new skin frames, for generic angles `posture` [rad] by part and servo
+        angles `position` (n_servos,) [rad]."""
         conditioner = self._conditioner
         links, poses = self.body.layout.links, self.body.skin.kinematics.pose_array
         self._finder.find(conditioner.state, conditioner.estimates, lambda: poses(position, links), posture)

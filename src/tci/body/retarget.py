@@ -75,8 +75,8 @@ def retarget(robot: Robot, part: str, generic: Array, position: Array) -> Retarg
 
 
 def _within(robot: Robot, shoulder: Shoulder, wanted: Array, position: Array) -> tuple[Array, float]:
-    """Returns shoulder angles (3,) [rad] within limits and couplings, and the remaining angle [rad] to the
-    requested rotation."""
+    """Returns the shoulder angles (3,) [rad] that come nearest to the rotation `wanted` (3, 3) within limits
+    and couplings, and the angle [rad] by which they miss it."""
     servos = shoulder.servos
     rows, low, high = robot.coupling_rows
     named = rows[:, servos].any(axis=1)

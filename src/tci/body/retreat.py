@@ -48,20 +48,21 @@ not matter, since the gate refuses motions of a joint without limits."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Motion:
-    """Joints, bounds and planner of one generic part."""
+    """Joints, limits and motion planner of one generic part with k servos."""
 
     joints: JointMap
     inverse: Array | None
-    """Transposed derivative d servo / d generic joint, if it is equal in all postures; else None."""
+    """Derivatives (k, k) of a part's servo angles (columns) with respect to its generic angles (rows), if
+    they are equal in all postures; else None."""
     bounds: Bounds
     outside: Array
-    """Coefficients of other parts' servos in the m couplings that limit this part: (m, n_servos), with 0 for
-    this part's servos."""
+    """Coefficients (m, n_servos) of the servos of other parts in the m couplings that limit this part; 0 for
+    this part's own servos."""
     free: NDArray[np.bool_]
-    """Mask (k,) of servos that may deviate from their target if a coupling forbids the target: here, all
-    servos."""
+    """Mask (k,) of the servos whose targets may be changed if a coupling forbids the targets; here always
+    True."""
     limits: list[tuple[float, float]]
-    """Lower and upper limit (k,) [rad] of each servo, from `bounds`."""
+    """Lower and upper limit [rad] of each of the k servos, from `bounds`."""
     velocity: list[float] | None
     """Largest velocity (k,) [rad/s] of each servo, if it is equal in all postures; else None."""
     planner: Ruckig
@@ -141,12 +142,13 @@ class Retreat:
         return self._displacements(angles, motion, contacts, 0.0)
 
     def _displacements(self, angles: Array, motion: _Motion, contacts: Contacts, radius: float) -> Array:
-        """Returns three rows (3, k, c) [m] for c contact points in k postures: the displacement along the
-        inward normal, its length perpendicular to the normal, and the largest depth by which skin enters the
-        touching object since the previous posture. If `radius` is 0, the third row is missing.
+        """Returns the displacements (3, k, c) [m] of c contact points in k postures. Row 0 is the component
+        along the inward normal of each point, and row 1 the length of the component perpendicular to this
+        normal. Row 2 is the largest depth by which skin enters the touching object on the way from the
+        previous posture. If `radius` is 0, row 2 is missing.
 
-        The first row of `angles` (k + 1, n_servos) [rad] is the reference posture, from which displacements
-        are measured; the other rows are the k postures. `radius` [m] is that of the touching objects.
+        `angles` (k + 1, n_servos) [rad] contains the posture from which displacements are measured, and then
+        the k postures. The touching objects are assumed to be spheres of `radius` [m].
         """
         count, steps, patches = len(contacts), len(self._chain.steps), len(self._links.ends)
         result = np.zeros((3 if radius else 2, len(angles) - 1, count))
@@ -178,8 +180,8 @@ class Retreat:
         return motions[part]
 
     def _goals(self, motion: _Motion, position: Array, targets: Array) -> Array:
-        """Returns the angles (m, k) [rad] of a part's k servos at the ends of m motions to `targets` (m, n)
-        [rad], the angles of its n generic joints."""
+        """Converts `targets` (m, n) [rad], generic angles of a part, to the angles (m, k) [rad] of the part's
+        k servos, within limits and couplings."""
         joints, bounds = motion.joints, motion.bounds
         if motion.inverse is None or len(targets) == 1:
             goals: Array = np.array([joints.to_robot(target, position) for target in targets])
@@ -189,12 +191,10 @@ class Retreat:
         return self._within(motion, position, np.minimum(np.maximum(goals, bounds.lower), bounds.upper))
 
     def _goal(self, motion: _Motion, position: Array, target: Array) -> list[float]:
-        """Returns the angles (k,) [rad] of a part's k servos at the end of a motion to `target` (n,) [rad],
-        the angles of its n generic joints.
+        """Converts `target` (n,) [rad], generic angles of a part, to the angles (k,) [rad] of the part's k
+        servos, within limits and couplings.
 
-        The function `_goals` does this for several targets. Lists of a few numbers are faster than arrays
-        here: touches are rare, so when a touch begins, the code of NumPy's functions is not in the
-        processor's caches.
+        This is faster than `_goals` for one target.
         """
         ends = motion.joints.to_robot(target, position).tolist()
         goal = [min(max(end, least), most) for end, (least, most) in zip(ends, motion.limits, strict=True)]
@@ -203,8 +203,8 @@ class Retreat:
         return goal
 
     def _within(self, motion: _Motion, position: Array, goals: Array) -> Array:
-        """Returns `goals` (m, k) [rad], the ends of m motions of k servos. A goal that a coupling forbids is
-        replaced by a permitted goal close to it."""
+        """Returns `goals` (m, k) [rad], m target angles for each of a part's k servos. A goal that a coupling
+        forbids is replaced by a permitted goal close to it."""
         bounds = motion.bounds
         if len(motion.outside):
             lower, upper = np.empty_like(bounds.coupling_lower), np.empty_like(bounds.coupling_upper)
@@ -216,13 +216,11 @@ class Retreat:
         return goals
 
     def _driven_goal(self, motion: _Motion, position: Array, target: Array) -> Array | None:
-        """Returns the angles (k,) [rad] of a part's k servos after the time AHEAD, if a command in velocity
-        mode drives the part towards `target` (n,) [rad]; None if this velocity of the servos can't be
-        computed.
+        """Returns the angles (k,) [rad] that a part's k servos reach after 0.1 s (AHEAD), if a command in
+        velocity mode drives the part from `position` (n_servos,) [rad] towards `target` (n,) [rad]. Returns
+        None if the velocities of the servos can't be computed.
 
-        The servos keep the velocities that they have at the start, and a servo at its limit stops while the
-        other servos continue. So near a singular posture of a shoulder, the result differs much from the
-        angles for `target`.
+        Near a singular posture of a shoulder, these angles differ much from the angles for `target`.
         """
         joints, bounds = motion.joints, motion.bounds
         here = position[joints.servos]
@@ -236,8 +234,8 @@ class Retreat:
         return ends
 
     def _angles(self, motion: _Motion, position: Array, target: Array, mode: Mode, driven: bool) -> Array:
-        """Returns the angles (TIMES + 1, n_servos) [rad] of all servos: at the start, at the times EARLY, and
-        at the fractions SHARES of the motion's duration."""
+        """Predicts the motion of a part to `target` (n,) [rad]. Returns the angles (7, n_servos) [rad] of all
+        servos: at the start, at two times shortly after it, and at four later times, the last at the end."""
         joints, servos, bounds = motion.joints, motion.joints.servos, motion.bounds
         here = position[servos]
         near = self._driven_goal(motion, position, target) if driven else None

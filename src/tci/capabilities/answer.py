@@ -84,10 +84,11 @@ def touches(contacts: Contacts) -> Touches:
 
 @inlined
 def _felt(fields: Array, closest: int, contacts: Touches, c: int) -> float:
-    """Returns the force [N] of contact `c` that is compared with the thresholds of the field `closest`.
+    """Returns the force [N] of contact `c` that is compared with the thresholds of a receptive field: the
+    total force, the force on the strongest taxel, or the weighted force of eq. 7. The field's setting
+    `measure` decides.
 
-    The setting `measure` of the field determines this force. For "weighted" it is the force of eq. 7, see
-    `tci.skin.contacts.weighted_force`.
+    `fields` is a table with one column for each field, and `closest` the column of this field.
     """
     if fields[_MEASURE, closest] == 1.0:
         return contacts.force[c]
@@ -107,10 +108,11 @@ def _felt(fields: Array, closest: int, contacts: Touches, c: int) -> float:
 
 @inlined
 def _squares(fields: Array, segment: float, u: float, y: float, z: float, squares: Array) -> None:
-    """Writes to `squares` (m,) the squared distance of a contact from the centre of each field.
+    """Writes into `squares` (m,) the squared distance of a contact from the centre of each of m receptive
+    fields, in limb lengths.
 
-    The value is infinite for a field that does not contain the contact. The loop has no branch, so that the
-    compiler vectorises it.
+    The value is infinite for a field that does not contain the contact. The contact is at the point (`u`,
+    `y`, `z`) on the generic limb.
     """
     places, xs, ys, zs, radii = fields[_SEGMENT], fields[_X], fields[_Y], fields[_Z], fields[_RADIUS]
     for i in range(len(squares)):

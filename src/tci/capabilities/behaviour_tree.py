@@ -197,7 +197,7 @@ def _leaves(tree: Behaviour) -> Iterator[Leaf]:
 def _moved(order: Order) -> str:
     """Returns the name of the generic part that an order moves.
 
-    The text is empty for an order that moves nothing, or that is in the robot's own joints.
+    The text is empty for an order that moves nothing, or that commands the robot's own joints.
     """
     if isinstance(order, CartesianCommand) or (
         isinstance(order, GenericCommand) and order.mode in CONTROL_MODES

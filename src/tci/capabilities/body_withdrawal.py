@@ -115,16 +115,15 @@ class BodyWithdrawal(Capability[BodyMemory]):
 
     def _own(self, part: str, body: GenericBody) -> list[BodyField]:
         """Returns the fields that are defined for the kind of `part`, for example for `leg` if the part is
-        `left_leg`. Fields whose motion contains no joint of this robot are left out."""
+        `left_leg`. Fields whose base motion moves no joint of this robot are left out."""
         has = body.has_joint(part)
         own = [one for one in self.fields.field if part in body.parts(one.kind)]
         return [one for one in own if len(one.motion) == len(has) and np.any(one.motion * has)]
 
     def _wishes(self, perception: Perception, body: GenericBody) -> dict[str, list[Wish[BodyField]]]:
-        """Returns the requested responses (wishes) of the contacts, by part.
-
-        A wish consists of a field and its gain. Of all fields that contain a contact, the field whose centre
-        is nearest to the contact is used.
+        """Returns the requested responses (wishes) by part. Each contact requests the response of the field
+        that contains it, with a gain; if several fields contain it, the field with the nearest centre is
+        used.
         """
         wishes: dict[str, list[Wish[BodyField]]] = {}
         for index, touch in enumerate(perception.contacts):
@@ -162,9 +161,11 @@ class BodyWithdrawal(Capability[BodyMemory]):
         perception: Perception,
         body: GenericBody,
     ) -> str:
-        """Returns the reason why a leg must not move to generic angles `target` (n,) [rad].
+        """Returns the reason why a leg must not move to generic angles `target` (n,) [rad]; empty if it may
+        move.
 
-        The text is empty if the leg may move: the robot does not stand, or the other legs carry the robot.
+        A leg may move if other legs carry the robot, or if the robot hangs, sits or lies. `heavy` is the
+        force [N] on the soles of each leg that carries the robot.
         """
         if not heavy:
             return "" if self.stance == "supported" else ALONE.format(weight=self.weight)

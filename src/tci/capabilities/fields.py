@@ -157,14 +157,15 @@ class BodyFields(Description):
 
 
 class _FieldTable(Circle):
-    """A table `[[field]]` in a file of arm fields, with angles in degrees."""
+    """One receptive field of arms as a table in a TOML file, `[[field]]` or `[[surround]]`, with angles in
+    degrees."""
 
     theta_deg: float
     motion_deg: Motion
 
 
 class _FieldsFile(Description):
-    """The contents of a file of arm fields."""
+    """Contents of a TOML file with the receptive fields of arms."""
 
     force: dict[Measure, ForceRange]
     field: Annotated[list[_FieldTable], Field(min_length=1)]
@@ -255,8 +256,8 @@ def _read(path: str | Path) -> dict[str, Any]:
 
 
 def _structure_faults(raw: dict[str, Any], whole: type[Description], field: type[Description]) -> list[str]:
-    """Returns the faults of a file's content `raw`. The file must match the class `whole`, and each receptive
-    field in the file the class `field`."""
+    """Checks the content `raw` of a file of receptive fields, and returns its faults as sentences. Valid
+    content fits the class `whole`, and each field in it fits the class `field`."""
     try:
         whole.model_validate(raw)
     except ValidationError as error:
@@ -265,7 +266,8 @@ def _structure_faults(raw: dict[str, Any], whole: type[Description], field: type
 
 
 def _sentence(raw: dict[str, Any], fault: Any, whole: type[Description], field: type[Description]) -> str:
-    """Formats a fault with its place and value: `field 2 (forearm_lateral), radius: ...; got -1`."""
+    """Returns a fault of the file's content as text with place and value, for example `field 2
+    (forearm_lateral), radius: ...; got -1`."""
     keys, place, kind = [key for key in fault["loc"] if key != "[key]"], "", whole
     what = fault["msg"].removeprefix("Value error, ")
     if not keys:

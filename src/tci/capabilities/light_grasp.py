@@ -116,7 +116,8 @@ class LightGrasp(Capability[Grips]):
         return tuple(commands), grips
 
     def _grip(self, before: Grip, perception: Perception, body: GenericBody, part: str, rest: Array) -> Grip:
-        """Returns the next state of a hand. The open posture of the hand is `rest` (n,) [rad]."""
+        """Returns the state of a hand's grasp after `perception`. `before` is the previous state, and `rest`
+        (n,) [rad] is the open posture of the hand."""
         now = perception.stamp
         pressed = dict.fromkeys((*FINGERS, PALM), 0.0)
         for contact in perception.contacts:
@@ -139,7 +140,8 @@ class LightGrasp(Capability[Grips]):
     def _flexion(
         self, before: Grip, perception: Perception, body: GenericBody, part: str, pressed: Mapping[str, float]
     ) -> Array:
-        """Returns targets (n,) [rad] with which the force on each finger approaches the setting `force`."""
+        """Returns target angles (n,) [rad] for a hand, with which the force on each finger approaches the
+        setting `force`. `pressed` are the present forces [N] by finger."""
         here = perception.posture[part]
         elapsed = min(max(perception.stamp - before.stamp, 0.0), LONGEST)
         target = np.array(before.flexion)

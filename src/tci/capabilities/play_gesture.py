@@ -132,10 +132,10 @@ class PlayGesture(Capability[GestureMemory]):
         return None if self.reflex is None else self.reflex.fault(perception, body)
 
     def _lead(self, time: float, pace: float) -> tuple[Order, ...]:
-        """Returns commands to the posture of the gesture at `time` [s].
+        """Returns commands with which the parts follow the gesture at `time` [s].
 
-        The gate (the safety filter before the driver) plans a stop at every target. Therefore the targets are
-        ahead of this posture, by the fraction `pace` of the stopping distance.
+        The gate (the safety filter before the driver) plans a stop at every target. So the targets lie ahead
+        of the gesture, by the fraction `pace` of the distance that a part needs to stop.
         """
         here, ahead = self.gesture.at(time), self.fitted.targets.at(time)
         return tuple(

@@ -53,8 +53,9 @@ class Answer:
 
 
 _WishInputs = tuple[Contacts, frozenset[str], frozenset[str]]
-"""All values on which the wishes (the requested responses) depend: the contacts, the parts on which all
-contacts in one field count as one, and the touched arms for which fields of `surround` may respond."""
+"""All values from which requested responses (wishes) are computed: the contacts, the names of the parts on
+which all contacts in one field count as one, and the names of the touched arms for which the wide fields
+`surround` may respond."""
 WithdrawalMemory = Withdrawals[ReceptiveField]
 """Current withdrawals by generic part, and the reasons for which other touched arms do not move."""
 
@@ -92,7 +93,8 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     _latest: tuple[_WishInputs | None, dict[str, list[Wish[ReceptiveField]]]] = field(
         default=(None, {}), init=False, repr=False, compare=False
     )
-    """Wishes that were computed last, and the values from which they were computed."""
+    """Requested responses (wishes) that were computed last, after the values from which they were computed
+    (None at first)."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fields", tuple(self.fields))
@@ -200,10 +202,10 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         return found
 
     def _asking(self, memory: WithdrawalMemory, contacts: Contacts, numbers: SiteNumbers) -> frozenset[str]:
-        """Returns the touched arms for which fields of `surround` may respond.
+        """Returns the names of the touched arms for which the wide fields `surround` may respond: the arms at
+        rest, and the arms that a wide field already moves.
 
-        These are the arms at rest, and the arms that a field of `surround` already moves. `numbers` contains
-        the part and the segment of each patch.
+        `numbers` contains the part and the segment of each patch.
         """
         own = memory.motions
         asking = [p for p in numbers.limbs if p not in own or own[p].field.name in self._around]
@@ -220,10 +222,10 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     ) -> dict[str, list[Wish[ReceptiveField]]]:
         """Returns the requested responses (wishes) by part.
 
-        Each contact requests the response of the field that contains it. If several of the `fields` contain
-        it, the field with the closest centre is used. A contact on one of the parts `around` also requests
-        the responses of the two closest fields of `surround` that contain it, which are tried later.
-        `numbers` are the properties of the contacts' patches.
+        Each contact requests the response of the field that contains it; if several do, of the one with the
+        closest centre. On the parts `around`, a contact also requests the responses of the two closest wide
+        fields (`surround`) that contain it, which are tried later. `numbers` contains the part and the
+        segment of each patch.
         """
         wishes: dict[str, list[Wish[ReceptiveField]]] = {}
         felt, parts, count = touches(contacts), numbers.part, len(contacts)
@@ -246,10 +248,11 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
 
     @cached_property
     def _tables(self) -> list[tuple[tuple[int, ...], Sequence[ReceptiveField], Array]]:
-        """Returns a row for `fields`, then a row for `surround`. A row without fields is left out.
+        """Returns the groups of receptive fields for a compiled loop: `fields`, then the wide fields
+        `surround`. An empty group is left out.
 
-        A row contains the ranks of its responses, the fields, and their `field_table`. A contact has at most
-        one response in `fields` (rank 0, tried first) and two in `surround` (ranks 1 and 2).
+        A group consists of ranks, fields, and the fields as a table of numbers. The lower the rank of a
+        response, the earlier it is tried: 0 for `fields`, 1 and 2 for the two closest wide fields.
         """
         sets = ((0,), self.fields), ((1, 2), self.surround or ())
         return [(ranks, fields, field_table(fields)) for ranks, fields in sets if fields]

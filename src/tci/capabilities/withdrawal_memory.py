@@ -173,7 +173,8 @@ def _frames(perception: Perception) -> bytes:
 def _inputs(
     before: Withdrawal[F] | None, wishes: Sequence[Wish[F]], perception: Perception
 ) -> tuple[object, ...] | None:
-    """Returns all values on which the check of a motion depends; None if the perception has no joints."""
+    """Returns all values that decide if a motion is permitted, in a form that can be compared; None if the
+    perception has no joints."""
     contacts, joints = perception.contacts, perception.joints
     if joints is None:
         return None

@@ -164,9 +164,9 @@ def _begin(
     met: frozenset[int],
     mode: Mode,
 ) -> tuple[Withdrawal[F] | None, str]:
-    """Returns the withdrawal that executes the first permitted response in `wishes`. The responses are tried
-    in the order of their ranks, and those of one rank from the largest gain to the smallest. If none is
-    permitted, returns None and the reason for which the first is refused (empty if the posture is unknown).
+    """Returns the withdrawal for the first permitted response in `wishes` (the requested responses).
+    Responses with a lower rank are tried first, and among equal ranks those with a larger gain. If none is
+    permitted, returns None and the reason why the first is refused (empty if the posture is unknown).
     """
     posture, first = perception.posture[part], ""
     if not all(map(isfinite, posture.tolist())):
@@ -208,8 +208,7 @@ def _meet(
     """Ends a withdrawal at the present posture if its remaining motion would press skin into a touching
     object. `met` are the identities of all present contacts.
 
-    Returns the withdrawal, and the reason for which the withdrawal was ended. If the withdrawal was not
-    ended, the second value is `reason`.
+    Returns the withdrawal, and the reason why it was ended; if it was not ended, the argument `reason`.
     """
     if why := why_not(perception, body, part, withdrawal.target, mode=mode):
         return replace(withdrawal, ended=frozen(perception.posture[part].copy())), why

@@ -115,10 +115,11 @@ def _run_trials(
     via: str | None,
     as_json: bool,
 ) -> None:
-    """Runs every trial on every robot, then prints, draws and writes the measurements.
+    """Pokes each robot at each place, prints the measurements, and writes a picture and a report into the
+    folder `out`.
 
     Raises UnknownNameError if the reflex does not support the mode, or if a robot's description has no
-    binding for the middleware. Also raises the errors of `try_server`.
+    binding for the middleware. Raises MissingExtraError or DriverError if no server can be opened.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 

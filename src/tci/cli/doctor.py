@@ -141,6 +141,6 @@ def _table(title: str, findings: Sequence[Finding]) -> Table:
 
 
 def _finite(value: object) -> object:
-    """Returns `value`, or None if `value` is infinite, because JSON has no infinity. The age of a source that
-    never sent data is infinite."""
+    """Returns `value`, or None if `value` is infinite, because JSON has no infinity. For example, the age of
+    data that never arrived is infinite."""
     return None if isinstance(value, float) and value in (float("inf"), float("-inf")) else value

@@ -113,8 +113,8 @@ def _facts(fit: TableFit) -> dict[str, Any]:
 
 
 def _sentence(fit: TableFit) -> str:
-    """Returns a line of text about one part. The text says if the contacts fit the robot's taxels, and which
-    position files fit the contacts."""
+    """Returns a line of text about the contacts that a log contains for one skin part: if they fit the
+    robot's taxels, and which position files they fit."""
     said = {
         "fits": "the robot's taxels are where they were recorded",
         "wrong": f"the robot's taxels are {1e3 * fit.off:.1f} mm from where they were recorded (median): "

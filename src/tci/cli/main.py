@@ -130,8 +130,8 @@ def main() -> None:
 
 
 def _print_fields(fields: dict[str, Any]) -> None:
-    """Prints the values as JSON. If printing fails, for example because the disk is full, prints the error as
-    text."""
+    """Prints `fields` as JSON. If this fails, for example because the disk is full, prints the entry `error`
+    as text to the standard error output."""
     try:
         print(json.dumps(fields, indent=2), flush=True)
     except OSError:

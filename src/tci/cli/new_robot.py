@@ -161,8 +161,8 @@ def _plain(stem: str) -> str:
 
 
 def _both(arms: str | None) -> tuple[str, str] | None:
-    """Returns the two joint names in the option --arms. Raises CommandError if --arms does not contain two
-    names."""
+    """Returns the two joint names in the option --arms; None without this option. Raises CommandError if
+    --arms does not contain two names."""
     if arms is None:
         return None
     names = [name.strip() for name in arms.split(",")]
@@ -180,7 +180,8 @@ def _direction(elbow: int | None) -> Sign | None:
 
 
 def _trust(fingers: str | None) -> Trust | None:
-    """Returns the choice in the option --fingers. Raises CommandError if --fingers has no valid value."""
+    """Returns the value of the option --fingers; None without this option. Raises CommandError if the value
+    is not valid."""
     from tci.authoring.proposed_fingers import Trust
 
     if fingers not in (None, *get_args(Trust)):
@@ -189,8 +190,8 @@ def _trust(fingers: str | None) -> Trust | None:
 
 
 def _beside(path: Path, target: Path, *, what: str) -> str:
-    """Returns a path relative to the description's folder. Raises CommandError if the path is outside this
-    folder.
+    """Returns `path` relative to the folder of the description `target`. Raises CommandError if the path is
+    outside this folder.
     """
     folder = target.absolute().parent.resolve()
     resolved = path.resolve()

@@ -19,8 +19,8 @@ def _above_zero(seconds: float | None) -> float | None:
 
 
 def _known_robots(given: str | list[str] | None) -> str | list[str] | None:
-    """Raises UnknownNameError if a robot has no description. Called before the command loads other
-    modules."""
+    """Raises UnknownNameError if a given robot has no description. Called before the command loads other
+    modules, so that the error comes at once."""
     from tci.robot.catalogue import check_name
 
     for name in [given] if isinstance(given, str) else given or ():

@@ -107,7 +107,7 @@ def view(
 
 
 def _sources(names: Sequence[str], vias: Sequence[str], capability: str, *, arm: bool) -> list[Source]:
-    """Creates a session for each robot and a player for each recording."""
+    """Opens the sources of the viewer: a session for each robot, and a player for each recording."""
     from tci.cli.robots import load_robots
     from tci.drivers.info import HARMLESS
     from tci.drivers.registry import connect

@@ -70,8 +70,8 @@ def expected_motion(
 
 
 def _generic(robot: Robot, position: Array, servo: Servo, change: float) -> str:
-    """Returns the name of a generic joint that the servo moves, and the change of the joint's angle. Returns
-    an empty text if the servo moves no generic joint."""
+    """Returns as text the motion of a generic joint if the servo moves by `change` [rad]: the joint's name
+    and the change of its angle. The text is empty if the servo moves no generic joint."""
     after = np.array(position)
     after[servo.index] += change
     for part in robot.parts:

@@ -107,9 +107,10 @@ class SkinCheck:
     def _responses(
         self, rest: dict[str, Array], noise: dict[str, Array], reading: Reading
     ) -> dict[str, Array]:
-        """Returns, for each patch with a response, the change (taxels,) [counts] of its values.
+        """Returns, for each patch with a response, the change (taxels,) [counts] of its values from the
+        values at rest.
 
-        A change in the direction of pressure is positive. Changes below the noise are set to 0.
+        A change in the direction of pressure is positive. Changes below `noise` are set to 0.
         """
         found = {}
         for name, values in self._values(reading).items():

@@ -63,8 +63,8 @@ def _driver(name: str) -> Finding:
 
 
 def _library(driver: str) -> str:
-    """Returns the name and the version of the library that a driver needs and that an extra of TCI
-    installs."""
+    """Returns as text the name and version of the library that a driver needs and an extra of TCI installs,
+    or that no extra is needed."""
     found = ", ".join(f"{name} {release}" for name, release in installed_by(driver).items())
     return f"its library: {found}" if found else "it needs no extra"
 
@@ -94,10 +94,11 @@ def _lease() -> Iterator[Finding]:
 
 
 def _delays(times: Array) -> Array:
-    """Returns the delays (n,) [s] of ticks at `times` (n,) [s] since the first due time.
+    """Returns the delay (n,) [s] of each tick of a loop. `times` (n,) [s] are the times of the ticks,
+    measured from the time at which the first was due.
 
-    A tick is due at the first multiple of PERIOD after the previous tick. A tick that is early by less than
-    0.1 % of PERIOD counts as punctual.
+    A tick is due at the first multiple of the loop's period after the previous tick. The delay of an early
+    tick is 0.
     """
     due = np.append(0.0, np.floor(times[:-1] / PERIOD + 0.001) + 1.0) * PERIOD
     return np.maximum(times - due, 0.0)

@@ -183,7 +183,8 @@ def _torso(robot: Robot, chain: KinematicChain) -> str | None:
 
 
 def _signs(robot: Robot, chain: KinematicChain, position: Array) -> Iterator[str]:
-    """Compares the joint axes of head, torso, hands and legs with the generic axes."""
+    """Yields a sentence for each joint of head, torso, hands and legs that turns opposite to the direction of
+    its generic joint."""
     for part in robot.parts:
         axes = {"head": MIDDLE, "torso": MIDDLE, "hand": HAND, "leg": LEG}.get(part.kind)
         if axes is None:
@@ -229,8 +230,8 @@ def _segments(
 
 
 def _patches(robot: Robot, chain: KinematicChain, postures: list[Array]) -> Iterator[str]:
-    """Compares each patch on the left side with the corresponding patch on the right side, in several
-    `postures`."""
+    """Yields a sentence for each patch on the left side that is not the mirror image of the corresponding
+    patch on the right side in any of `postures`."""
     named = {patch.name: patch for patch in robot.patches}
     for left in robot.patches:
         right = named.get(left.name.replace("left", "right", 1))
@@ -249,8 +250,8 @@ def _patches(robot: Robot, chain: KinematicChain, postures: list[Array]) -> Iter
 
 
 def _distances(robot: Robot, chain: KinematicChain, *, without: set[str]) -> Iterator[str]:
-    """Compares the places of taxels with the surfaces of the links that carry the taxels. Leaves out the
-    patches in `without`."""
+    """Yields a sentence for each patch whose taxels are far from the surface of the link that carries them.
+    Leaves out patches that the sentences `without` name."""
     assert robot.model is not None
     if robot.model.meshes == NO_MESHES or not robot.skin:
         return
@@ -285,9 +286,8 @@ def _apart(left: Array, right: Array) -> float:
 
 
 def _torques(robot: Robot) -> Iterator[str]:
-    """Compares torque limits with the torques that the robot needs. The needed torque of a joint is the
-    torque for the weight of an arm that is stretched out forward, plus the torque for friction and damping at
-    the joint's speed limit.
+    """Yields a sentence for each servo whose torque limit is too low: for the weight of an arm that is
+    stretched out forward, or for the joint's friction and damping at its speed limit.
     """
     assert robot.model is not None
     gravity, model = Gravity(robot), bare_model(robot.model)
@@ -322,7 +322,8 @@ def _arms(robot: Robot) -> list[GenericPart]:
 
 
 def _at_generic_zero(robot: Robot) -> Array:
-    """Returns servo angles (n,) [rad] at which all generic angles of arms and legs are 0."""
+    """Returns servo angles (n,) [rad] at which all generic angles of arms and legs are 0, as far as these can
+    reach this posture."""
     position = np.array(initial_position(robot))
     for part in robot.parts:
         if part.kind in ("arm", "leg"):

@@ -76,7 +76,7 @@ has no fault."""
 
 
 class _Count:
-    """Counts the frames of one source during an observation."""
+    """Counts the frames of one data stream (the joints, or a patch) during an observation."""
 
     def __init__(self) -> None:
         self.seen: list[tuple[int, float]] = []
@@ -92,7 +92,8 @@ class _Count:
         self.ages.append(now - stamp)
 
     def stream(self, name: str, expected: float | None, elapsed: float, reads: int) -> Stream:
-        """Returns the statistics of the source. A source that never sent data has rate 0 and infinite age."""
+        """Returns the statistics of the counted frames of a patch or of the joints. Without any frame, the
+        rate is 0 and the age is infinite."""
         if not self.seen:
             return Stream(name, expected, 0, 0, 0.0, 0, self.older, np.inf, np.inf)
         (first, begin), (last, end) = self.seen[0], self.seen[-1]

@@ -12,8 +12,8 @@ MOST_PARTICIPANTS = 32
 """Largest number of processes on this machine that can discover each other in one domain without multicast.
 ROS has an equal limit."""
 _open: dict[int, tuple[Domain, str, int]] = {}
-"""Open domains by domain number. Each entry has the domain, its user (the part of TCI that opened it, such as
-`ROS 2`), and the number of calls of `open_domain` minus the number of calls of `close_domain`."""
+"""Open DDS domains by domain number. Each value has the domain, its user (the part of TCI that opened it,
+such as `ROS 2`), and the number of uses that `close_domain` has not ended yet."""
 
 
 def open_domain(number: int, settings: str, user: str) -> None:

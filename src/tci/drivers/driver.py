@@ -152,8 +152,9 @@ class Driver(ABC):
                 self._check_lease = None
 
     def _may_write(self) -> None:
-        """Checks that this process may command the robot. Acquires the lease on a real robot, unless another
-        driver in this process has it. Raises DriverError in the cases that `Lease.__init__` lists."""
+        """Checks that this process may command the robot. The first call acquires the lease on a real robot,
+        unless another driver in this process has it. Raises DriverError if another process commands the
+        robot, or if the lease's file can't be used."""
         if self._check_lease is not None:
             self._check_lease()
         elif not self.info.harmless:

@@ -106,7 +106,8 @@ class Lease:
             raise
 
     def _lock(self) -> bool:
-        """Locks the lease's file. Returns False if the file was replaced or removed before it was locked."""
+        """Locks the lease's file. Returns False if the file was replaced or removed meanwhile. Raises
+        DriverError if another process has the lock, or if the file is not a plain file."""
         _make(self._path.parent)
         place = self._opened(self._path.parent, os.O_RDONLY | os.O_DIRECTORY)
         handle = self._opened(self._path, os.O_RDWR | os.O_CREAT | os.O_NONBLOCK)
@@ -202,8 +203,8 @@ def _folder() -> Path:
 
 
 def _make(folder: Path) -> None:
-    """Creates the folder for leases if the folder does not exist. Raises DriverError if the folder belongs to
-    another user."""
+    """Creates the folder for leases if it does not exist. Raises DriverError if the folder belongs to another
+    user, or if other users can write to it."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.lstat()

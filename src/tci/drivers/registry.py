@@ -141,8 +141,8 @@ def open_server(driver: Driver, via: str, **options: Any) -> Server:
 
 
 def _check(options: Iterable[str], factory: Any, what: str) -> None:
-    """Raises UnknownNameError if `factory`, the class of a driver or server, does not have one of the
-    options."""
+    """Raises UnknownNameError if the class `factory` of a driver or server lacks one of the options. `what`
+    describes the options in the message."""
     parameters = inspect.signature(factory).parameters.values()
     if any(one.kind is one.VAR_KEYWORD for one in parameters):
         return  # the factory accepts any option and checks the options itself

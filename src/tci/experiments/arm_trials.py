@@ -77,8 +77,8 @@ def arm_trials_of(robot: Robot, reflex: WithdrawalReflex, *, count: int, seed: i
 
 
 def _moved(trace: Trace) -> np.ndarray:
-    """Returns the distance (k,) [mm] by which the skin has moved away from the finger since the first
-    command, in each of the k periods from then on. Without a command, returns one 0."""
+    """Returns the distances (k,) [mm] by which the skin has moved away from the finger, for each of the k
+    periods since the first command. Without a command, returns one 0."""
     if not trace.commanded:
         return np.zeros(1)
     away = np.array(trace.away)[np.array(trace.time) >= trace.commanded[0][0]]

@@ -125,8 +125,8 @@ def _draw_marks(axes: Axes, panel: Panel) -> None:
 
 
 def _emptiest_corner(image: NDArray[np.uint8], width: int, height: int) -> tuple[int, int]:
-    """Returns the top left corner (x, y) [pixels] at which a smaller picture hides the least content of
-    `image` (h, w, 3)."""
+    """Returns the top left corner (x, y) [pixels] of a picture of `width` by `height`, placed in that corner
+    of `image` (h, w, 3) where it hides the least content."""
     total_height, total_width, _ = image.shape
     drawn = np.abs(image / 255.0 - background(total_height)[:, None]).max(axis=2) > 0.01
     corners = [

@@ -91,8 +91,8 @@ def _row(
 def _moments(
     world: World, reflex: WithdrawalReflex, site: ReceptiveField, seed: int
 ) -> tuple[Moment, Moment, Trace]:
-    """Returns the instant of a poke at which the skin measured the largest force, the last instant of the
-    poke, and the trace."""
+    """Pokes the field `site`, and returns the moment at which the skin measured the largest force, the last
+    moment, and the trace of the poke."""
     strongest = 0.0
     moments: list[Moment] = []
 
@@ -126,14 +126,15 @@ def _camera(
 
 
 def _spot(portrait: Portrait, camera: Camera, moment: Moment, trace: Trace) -> tuple[float, float]:
-    """Returns the pixel (x, y) of the poked point of the skin."""
+    """Returns the pixel (x, y) at which `camera` shows the poked point of the skin."""
     point_T = trace.point[trace.time.index(moment.time)]
     pixels, _ = project(camera, apply(portrait.torso(moment), point_T[None]))
     return float(pixels[0, 0]), float(pixels[0, 1])
 
 
 def _close_up(portrait: Portrait, moment: Moment, trace: Trace, camera: Camera) -> NDArray[np.uint8]:
-    """Draws the poked point from a short distance, seen from the side that faces the panel's `camera`."""
+    """Draws the poked point from a short distance, obliquely, from the side on which the `camera` of the
+    panel is."""
     T_WT = portrait.torso(moment)
     towards: Array = -T_WT[:3, :3].T @ camera.T_WC[:3, 2]
     aside = towards - (towards @ trace.normal) * trace.normal

@@ -189,7 +189,7 @@ def part_of(robot: Robot, order: Order) -> str | None:
 
 
 def _patiently(robot: Robot, via: str) -> Driver:
-    """Connects to a robot, and tries again for APPEARING [s], because the robot may still be starting.
+    """Connects to a robot that may still be starting: tries again for some seconds.
 
     Raises DriverError if all attempts fail.
     """

@@ -42,7 +42,8 @@ estimates do not change between touches."""
 PART = "left_arm"
 _TURNS = 2.0 * np.pi * np.concatenate([[0.0], np.arange(6) / 6.0, np.arange(12) / 12.0])
 _POINTS = np.repeat([0.0, 0.4, 0.8], (1, 6, 12)) * np.array([np.cos(_TURNS), np.sin(_TURNS)])
-"""Points (2, 19) [taxel radii] on a taxel over which the pressure is averaged: the middle and two rings."""
+"""Points (2, 19) on a taxel at which the pressure is computed for its mean: the centre and two rings. The
+rows are x and y, in units of the taxel's radius."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,8 +141,8 @@ class Arm:
             self._perceive(self._rest, 1.0 / RATE)
 
     def _offsets(self, place: Place) -> tuple[Array, Array]:
-        """Returns two distances (taxels,) [m] of each taxel from a point: along the limb, and around the
-        limb."""
+        """Returns the signed distances (taxels,) [m] of each taxel from the point `place`: along the limb,
+        and around the limb."""
         segment, u, theta = place
         _, x, angle, radius, _, length = self._sleeves[segment]
         around = (angle - theta + np.pi) % (2.0 * np.pi) - np.pi

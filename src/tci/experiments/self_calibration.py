@@ -104,7 +104,7 @@ def calibrate_in_simulation(
 def _far_from(surface: Surface, tried: list[Array], generator: np.random.Generator) -> Array:
     """Returns a random point (3,) [m] on a surface, far from all points in `tried`.
 
-    The point is the farthest of CANDIDATES random points (Mitchell 1991).
+    Draws several random points, and returns the one that is farthest from `tried` (Mitchell 1991).
     """
     a, b, c = surface.positions[surface.faces].transpose(1, 0, 2)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
@@ -119,7 +119,8 @@ def _far_from(surface: Surface, tried: list[Array], generator: np.random.Generat
 def _touch(
     world: World, patch: str, place: Array, generator: np.random.Generator, kinematics: KinematicChain
 ) -> ProbeTouch | None:
-    """Touches the skin at the point nearest to `place` (3,) [m], given in the frame of the patch's link.
+    """Touches the simulated skin at the point nearest to `place` (3,) [m], and returns the measured touch,
+    both in the frame of the patch's link.
 
     Returns None if another link blocks the finger, or if no skin frame arrives in time.
     """

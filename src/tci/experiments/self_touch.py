@@ -54,7 +54,8 @@ Assumed: up to 47 degrees (a deviation of 0.8), the skins still touch with their
 
 
 class _Places(NamedTuple):
-    """Two taxels that touch each other, on two surfaces."""
+    """Two taxels that are to touch each other: taxel number `a` of the surface `own`, and number `b` of
+    `other`."""
 
     own: Surface
     a: int
@@ -140,8 +141,8 @@ def self_touch_readings(
 
 
 def _posture(body: GenericBody, patch: str, random: np.random.Generator) -> tuple[Array, str]:
-    """Returns angles (n,) [rad] at which a random taxel of `patch` touches a taxel on another arm, and the
-    name of the other taxel's patch."""
+    """Returns servo angles (n_servos,) [rad] at which a random taxel of `patch` touches a taxel on another
+    arm, and the name of the other patch. Raises TciError if none are found."""
     robot, surfaces, chain = body.robot, body.skin.surfaces, body.skin.kinematics
     own = surfaces[patch]
     arms = {part.name for part in robot.parts if part.kind == robot.part(robot.patch(patch).part).kind}
@@ -177,8 +178,9 @@ def _posture(body: GenericBody, patch: str, random: np.random.Generator) -> tupl
 
 
 def _apart(angles: Array, chain: KinematicChain, home: Array, moving: list[int], places: _Places) -> Array:
-    """Returns the residuals (6,) of a touch of two taxels: the vector [m] between the touching points, and
-    the sum of the two unit normals times the weight FACING [m]. All are 0 in an ideal touch."""
+    """Returns six numbers (6,) that are all 0 in an ideal touch of two taxels: the vector [m] between the two
+    points, and the weighted sum of the two unit normals. `angles` [rad] are those of the servos `moving`; all
+    others are at `home`."""
     position = home.copy()
     position[moving] = angles
     own, a, other, b = places
@@ -189,8 +191,8 @@ def _apart(angles: Array, chain: KinematicChain, home: Array, moving: list[int],
 
 
 def _pressed(body: GenericBody, position: Array, patch: str, other: str) -> dict[str, Array]:
-    """Returns one mask (n,) for each of the two patches: True for taxels below the surface of the other
-    patch."""
+    """Returns a mask (n,) for each of the two patches: True for taxels below the surface of the other patch,
+    and for at least one taxel."""
     surfaces = body.skin.surfaces
     one, two = surfaces[patch], surfaces[other]
     here, there = body.skin.kinematics.pose_array(position, (one.link, two.link))

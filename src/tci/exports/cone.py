@@ -131,13 +131,14 @@ def limb_axis(robot: Robot, surface: Surface, kinematics: KinematicChain) -> tup
 
 
 def _along_and_distance(positions: Array, point: Array, axis: Array) -> tuple[Array, Array]:
-    """Returns the positions (n,) [m] along the axis and the distances (n,) [m] from the axis."""
+    """Returns two distances (n,) [m] of points: along an axis, measured from `point`, and from the axis. The
+    unit vector `axis` gives its direction."""
     relative = positions - point
     along = relative @ axis
     return along, np.linalg.norm(relative - along[:, None] * axis, axis=1)
 
 
 def _radii(along: Array, distance: Array) -> np.polynomial.Polynomial:
-    """Returns the cone's radius as a straight line r(x), fitted to the taxels by least squares. `along` (n,)
-    are the taxels' positions x, `distance` (n,) their distances from the axis [m]."""
+    """Fits a straight line r(x), the radius of a cone, to taxels by least squares. `along` (n,) [m] are the
+    taxels' positions x along the axis, `distance` (n,) [m] their distances from it."""
     return np.polynomial.Polynomial.fit(along, distance, 1)

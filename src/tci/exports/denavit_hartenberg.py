@@ -108,10 +108,11 @@ def denavit_hartenberg(
 
 
 def _axes(kinematics: KinematicChain, link: str, servos: tuple[int, ...]) -> tuple[Array, Array, Array]:
-    """Returns the link's pose `T_TL` (4, 4), a point on each servo's axis (n, 3), and the axes' directions
-    (n, 3).
+    """Returns the link's pose `T_TL` (4, 4) in the torso frame, and for n servos a point on each axis (n, 3)
+    [m] and its direction (n, 3).
 
-    Points and directions are in the torso frame, with all servos at zero.
+    Points and directions are in the torso frame, with all servos at zero. Raises CommandError if a joint is
+    not a hinge.
     """
     position = np.zeros(kinematics.n_servos)
     T_TL, jacobian = kinematics.pose_and_jacobian(position, link)
@@ -125,11 +126,11 @@ def _axes(kinematics: KinematicChain, link: str, servos: tuple[int, ...]) -> tup
 def _common_normal(
     p: Array, u: Array, q: Array, v: Array, origin: Array, x: Array
 ) -> tuple[Array, Array, Array]:
-    """Returns the two end points (3,) of the common normal, and the normal's direction (3,). The end points
-    are on the lines p + s u and q + t v.
+    """Returns the common normal of two lines, p + s u and q + t v: its end point (3,) on each line, and its
+    direction (3,).
 
-    If the lines are parallel, the normal passes through `origin`, a point on the first line. If the lines
-    coincide, the normal's direction is `x`.
+    If the lines are parallel, the normal passes through `origin`, a point on the first line. If they
+    coincide, its direction is `x`.
     """
     cross = np.cross(u, v)
     sine = float(np.linalg.norm(cross))
@@ -152,8 +153,7 @@ def _perpendicular(z: Array) -> Array:
 
 
 def _angle(a: Array, b: Array, about: Array) -> float:
-    """Returns the angle [rad] of the rotation about `about` that turns the direction a into the direction
-    b."""
+    """Returns the angle [rad] of the rotation about `about` that turns the direction `a` into `b`."""
     return float(np.arctan2(np.cross(a, b) @ about, a @ b))
 
 

@@ -211,8 +211,8 @@ def generic_limits(robot: Robot, part: str) -> tuple[GenericLimits, ...]:
 
 
 def _reach(robot: Robot, joint: GenericServo) -> tuple[float, float]:
-    """Returns the lowest and highest angle [rad] of a joint that several servos move. NaN stands for an angle
-    that is unknown because a limit of a servo is unknown."""
+    """Returns the lowest and highest angle [rad] of a joint that several servos move together. Both are NaN
+    if a limit of one of these servos is unknown."""
     low = high = joint.offset
     for term in joint.terms:
         limits = robot.servos[term.servo].limits

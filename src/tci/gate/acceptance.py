@@ -166,7 +166,8 @@ def check_switch(robot: Robot, switch: PlatformSwitch) -> None:
 
 
 def _check_servos(robot: Robot, what: str, servos: NDArray[np.intp]) -> None:
-    """Raises CommandError if indices of servos are out of range or occur twice."""
+    """Raises CommandError if indices of servos are out of range or occur twice. `what` names the command in
+    the message."""
     count, indices = len(robot.servos), servos.tolist()
     if servos.dtype.kind not in "iu" or min(indices) < 0 or max(indices) >= count:
         raise CommandError(f"{what}: servos {indices}; valid: 0 to {count - 1}")
@@ -182,7 +183,8 @@ def _refuse_each(
     numbers: NDArray[np.generic],
     valid: str,
 ) -> NoReturn:
-    """Raises a CommandError that names each servo for which `good` (k,) is False."""
+    """Raises a CommandError that names each servo for which `good` (k,) is False, with its value in `numbers`
+    (k,)."""
     bad = [f"{robot.servos[command.servos[i]].name} is {numbers[i]}" for i in np.flatnonzero(~good)]
     raise CommandError(f"{what} {', '.join(bad)}; valid: {valid}")
 

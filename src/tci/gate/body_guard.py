@@ -73,8 +73,8 @@ class BodyGuard:
     def _fault_of_path(
         self, index: NDArray[np.intp], stop: StopTrajectory, others: Sequence[JointGroup], measured: Array
     ) -> Reason | None:
-        """Returns the reason why the servos `index` must not take their next step, found by checking the
-        planned stops point by point; None if they may."""
+        """Returns a reason if the servos `index` must not take their next step, because their planned `stop`,
+        together with the stops of the groups `others`, would cause a self-collision; otherwise None."""
         reference, deviation = np.array(measured), np.zeros(len(measured))
         reference[index] = stop.here
         deviation[index] = measured[index] - stop.here

@@ -102,8 +102,8 @@ class Bounds:
 
 
 def _stopping_speed(room: Array, acceleration: Array, jerk: Array) -> Array:
-    """Returns the speed (n,) [rad/s] from which a jerk-limited stop needs at most the distance `room` (n,)
-    [rad], with a reserve.
+    """Returns the speed (n,) [rad/s] from which a servo can stop within the distance `room` (n,) [rad], with
+    a reserve.
 
     At speed v, a stop with the largest deceleration a and the jerk j needs the distance v^2 / 2a + v a / 2j.
     """

@@ -151,8 +151,9 @@ class CommandedGroups:
         self._note_change()
 
     def _chain(self, group: int, servos: set[int], fresh: Sequence[int] = ()) -> JointGroup:
-        """Returns a new `JointGroup` that moves the `servos` of the group with the number `group`. Raises
-        CommandError if some servos can't join the motion now."""
+        """Returns a new `JointGroup` for the `servos` of group number `group`. Servos in `fresh` start at
+        their measured angles, even if they are moving. Raises CommandError if a servo can't join the motion
+        now."""
         old = self._chains.get(group)
         check_start(self._robot, {*servos} - ({*old.servos} - {*fresh} if old else set()), self.measured)
         chain = make_chain(

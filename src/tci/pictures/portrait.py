@@ -142,7 +142,8 @@ class Portrait:
         conditioner = Conditioner(SkinLayout.of_robot(robot))
         conditioner.step(moment.reading.skin)
         felt = conditioner.state.by_patch(patch.name for patch in robot.patches)
-        pressure = np.concatenate([felt[name] for name in names])
+        # surfaces that detect touches by joint torques send no frames
+        pressure = np.concatenate([felt.get(name, np.zeros(len(positions[name]))) for name in names])
         paint.append(
             TaxelPaint(
                 np.concatenate(list(positions.values())),

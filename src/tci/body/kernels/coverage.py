@@ -13,10 +13,11 @@ from tci.robot.kernels.limb import limb_pose
 from tci.robot.limb import RHO
 
 SEGMENT, X, Y, Z, RADIUS = range(5)
-"""Rows of `places`: segment, three coordinates on the generic limb, and radius [limb lengths]."""
+"""Row numbers in a table of places on arms: segment (0 upper arm, 1 forearm), a point on the generic limb,
+and a radius around this point, both in limb lengths."""
 LENGTH, SIDE, PLACE = 12, 13, 14
-"""Columns of `limb`: length [m] of the segment, side (+1 left, -1 right), and index of the segment in
-`SEGMENTS`."""
+"""Column numbers in a table with one arm segment in each row: length [m] of the segment, side (+1 left, -1
+right), and segment (0 upper arm, 1 forearm)."""
 
 
 @compiled(
@@ -36,16 +37,17 @@ def count_taxels(
     places: Array,
     counts: Array,
 ) -> None:
-    """Counts the taxels, and the masked taxels, of p patches around each of m places.
+    """Counts the taxels of p patches on an arm around each of m places, and how many of these taxels are
+    masked (not trusted).
 
-    Args: poses: Poses `T_TL` (l, 4, 4) of all links. on: Indices (p, 2) in `poses` of the link of each patch,
-        and of the link of its segment. limb: Numbers (p, 15) that describe the limb of each patch, see
-        `limb_numbers`. posture: Generic angles [rad] of the part. positions: Positions (n, 3) [m] of the
-        taxels of all patches, each in the link of its patch. begins: Indices (p + 1,) in `positions` at which
-        the taxels of each patch begin; the last is n. masked: Mask (n,) of taxels that are not trusted.
-        places: Table (5, m) with one column for each place: segment, three coordinates on the generic limb,
-        and radius [limb lengths]. counts: Output (2, m), to which the numbers of taxels and of masked taxels
-        are added.
+    Args: poses: Poses (l, 4, 4) of l links in the torso frame. on: Indices (p, 2) in `poses`: for each patch,
+        its link and the link of its arm segment. limb: Result (p, 15) of `limb_numbers` for each patch.
+        posture: Generic angles [rad] of the arm. positions: Positions (n, 3) [m] of the taxels, each in the
+        link of its patch. begins: Index (p + 1,) in `positions` of the first taxel of each patch; the last is
+        n. masked: Mask (n,) of masked taxels. places: Table (5, m) with one column for each place: segment (0
+        upper arm, 1 forearm), three coordinates of a point on the generic limb, and radius around this point,
+        both in limb lengths. counts: Output (2, m): the numbers of all taxels (row 0) and of masked taxels
+        (row 1) are added to it.
     """
     for p in range(len(on)):
         x_S, y_S, z_S = limb_pose(poses[on[p, 0]], poses[on[p, 1]], limb[p], posture)

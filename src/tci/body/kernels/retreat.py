@@ -1,4 +1,5 @@
-"""Displacement of contact points, and distance of the skin from the touching objects, along a path."""
+"""Predicts how touched points of the skin move during a motion, and how deep the skin then enters the
+touching objects."""
 
 from __future__ import annotations
 
@@ -16,29 +17,31 @@ from tci.skin.kernels.arrays import LAYOUT, LayoutArrays
 from tci.skin.kernels.nearest import nearest
 
 FREE, LIMIT = 3, 4
-"""Columns of `Room.near`, after the centre of the sphere (see `retreats`). `FREE`: length [m] of the path
-ahead on which surely no skin enters the sphere. `LIMIT`: distance [m] from the centre below which skin counts
-as inside the sphere."""
+"""Columns of `Room.near`, after the centre of the sphere that represents a touching object. `FREE`: distance
+[m] that the sphere can move, relative to a patch, before it can touch the patch. `LIMIT`: distance [m] from
+the centre below which skin counts as inside the sphere."""
 STILL = 1e-9
-"""Length of a path [m] up to which a link counts as not moved."""
+"""Largest displacement [m] of a touching object relative to a link that counts as no displacement."""
 
 
 class Chain(NamedTuple):
-    """Kinematics of the links with skin, see `link_poses`."""
+    """Kinematics of the links with skin: steps from one joint to the next, in the arrays of
+    `tci.robot.kinematics`."""
 
     path: NDArray[np.int64]
     steps: NDArray[np.int64]
     sums: Array
     ends: NDArray[np.int64]
-    """Index (p,) into `steps`, for each of p patches: the step that ends at the patch's link. A step leads
-    from one joint of the kinematic model to the next."""
+    """For each of p patches, the index (p,) in `steps` of the step, from one joint to the next, that ends at
+    the patch's link."""
 
 
 class Touched(NamedTuple):
     """Points of the skin that are touched."""
 
     after: NDArray[np.int64]
-    """Index (c,) in `Chain.steps` of the last step on the kinematic path to the link of each touched point.
+    """For each of c touched points, the index (c,) of the kinematic step, from one joint to the next, that
+    ends at the point's link.
     """
     points: Array
     """Touched points (c, 3) [m], each in the frame of its link."""
@@ -47,19 +50,21 @@ class Touched(NamedTuple):
 
 
 class Room(NamedTuple):
-    """Work space of `retreats`, for c touched points, p patches and s steps."""
+    """Arrays for intermediate results of `retreats`."""
 
     work: Array
-    """Poses (s, 3, 4) in the world frame at the current posture, one after each of the s steps of the
-    kinematics from the base to the links."""
+    """Poses (s, 3, 4) in the world frame, one for each of s kinematic steps (from one joint to the next) at
+    the current posture."""
     first: Array
-    """Initial points and normals (c, 3, 2) in the world frame."""
+    """Initial place [m] and outward normal of each of c touched points, in the world frame, as two columns
+    (c, 3, 2)."""
     near: Array
-    """State (c, p, 5) of the sphere at each touched point relative to each patch: centre [m] in the frame of
-    the patch's link (3 columns), and the columns `FREE` and `LIMIT`."""
+    """State (c, p, 5) of the sphere at each of c touched points, relative to each of p patches: centre [m] in
+    the frame of the patch's link (3 numbers), distance [m] that the sphere can move before it touches the
+    patch, and distance [m] from the centre below which skin counts as inside."""
     found: Array
-    """Rows (2, 3): the surface point [m] of a patch that is nearest to the centre of a touching sphere, and
-    the normal at this point."""
+    """Result (2, 3) of the latest search on a patch: the surface point [m] that is nearest to the centre of a
+    touching sphere, and the normal there."""
 
 
 CHAIN = record(Chain, reads(2, int64), reads(2, int64), reads(4), reads(1, int64))
@@ -77,15 +82,14 @@ def retreats(
     room: Room,
     out: Array,
 ) -> None:
-    """Writes the displacements [m] of c touched points from their initial places, in the world frame, into
-    `out`: `out[0]` (k, c) along the initial inward normals of the points, `out[1]` perpendicular to these
-    normals.
+    """Predicts how c touched points move away from the touching objects in k successive postures. Each object
+    is assumed to be a sphere of `radius` [m] that touches its point from outside and does not move.
 
-    `way` (k + 1, n_servos) [rad] contains the postures, and starts at the initial posture. With a `radius`
-    [m] above 0, `out[2]` (k, c) contains the depth [m] by which skin of the patches in `layout` enters a
-    sphere on the way to each posture. The sphere has this radius, touches the skin at the point from outside,
-    and does not move. If skin is inside the sphere already, only the additional depth counts. Between two
-    postures, the sphere's centre is assumed to move along a straight line relative to each link.
+    `way` (k + 1, n_servos) [rad] contains the initial posture and the k postures. Displacements [m] are
+    written into `out` (3, k, c): row 0 is the component along the initial inward normal of each point, and
+    row 1 the length of the component perpendicular to this normal. Row 2 is the depth [m] by which skin of
+    any patch in `layout` enters the sphere on the way from the previous posture, in addition to the depth at
+    the initial posture. With the radius 0, row 2 is not written.
     """
     work, first = room.work, room.first
     for k in range(len(way)):
@@ -134,13 +138,12 @@ def retreats(
 
 @inlined
 def _depth(centre: Vector, p: int, layout: LayoutArrays, radius: float, near: Array, found: Array) -> float:
-    """Returns the greatest depth [m] by which a patch enters a sphere, while the sphere's centre moves from
-    its last position to `centre` [m].
+    """Returns the greatest depth [m] by which patch `p` enters a sphere of `radius` [m], while the sphere's
+    centre moves from its last position to `centre` [m]. Depth at the start of the whole motion does not
+    count.
 
-    The positions are given in the patch's link. `near` (5,) is the state of this sphere relative to the patch
-    (see `Room.near`); the function updates it. Only some points of the path are examined. If the skin is at a
-    distance d from the sphere at one point, it can't touch the sphere at points that are closer than d, so
-    these are skipped (sphere tracing, Hart 1996).
+    Positions are in the frame of the patch's link. `near` (5,) is the element of `Room.near` for this sphere
+    and patch; it contains the last position and is updated.
     """
     x, y, z = near[0], near[1], near[2]
     u, v, w = centre[0] - x, centre[1] - y, centre[2] - z
@@ -164,9 +167,10 @@ def _depth(centre: Vector, p: int, layout: LayoutArrays, radius: float, near: Ar
 
 @inlined
 def _gap(point: Vector, p: int, layout: LayoutArrays, radius: float, found: Array) -> float:
-    """Returns the distance [m] of a point from the surface of patch `p`.
+    """Returns the distance [m] of a point from the surface of patch `p`, in the frame of the patch's link.
 
-    If a lower bound on the distance exceeds `radius` [m], returns this bound instead.
+    For a point that is surely farther away than `radius` [m], a lower bound on the distance is returned
+    instead.
     """
     box = layout.box[p]
     if box[4] > 0.0:

@@ -109,7 +109,8 @@ class FaultInjector(DriverWrapper):
         return frozen
 
     def _flickering(self, frame: SkinFrame) -> SkinFrame:
-        """Returns the frame with noise. A frame that is read again gets equal noise again."""
+        """Returns the frame with noise in its raw values. If the frame is read again, the noise is equal.
+        Frames of switches get no noise."""
         sensor = self.robot.patch(frame.patch).sensor
         if sensor.highest - sensor.lowest < SWITCH:
             return frame

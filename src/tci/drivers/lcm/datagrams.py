@@ -91,14 +91,15 @@ Address = tuple[str, int]
 
 @dataclass(slots=True)
 class _Sender:
-    """Latest message number of one sender, and the pieces of an unfinished message."""
+    """Number of the latest message of one sender, and the received pieces of a message that is not complete
+    yet."""
 
     number: int
     pieces: dict[int, bytes] = field(default_factory=dict)
     message: int = -1
-    """Number of the unfinished message; -1 if there is none."""
+    """Number of the message that is not complete yet; -1 if there is none."""
     count: int = 0
-    """Number of pieces of the complete message."""
+    """Number of pieces in which the message was sent."""
     begun: float = 0.0
 
 
@@ -159,8 +160,8 @@ class Datagrams:
         return whole
 
     def _follow(self, sender: object, number: int) -> _Sender | None:
-        """Returns the stored data of `sender` if message `number` is new, and counts the messages lost before
-        this message. Returns None if the message is old."""
+        """Records that message `number` of `sender` has arrived, and counts the messages lost before it.
+        Returns the stored data of the sender, or None if the message is not new."""
         known = self._senders.get(sender)
         if known is None:
             while len(self._senders) >= SENDERS:

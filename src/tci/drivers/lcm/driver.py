@@ -45,7 +45,7 @@ time for the facts. Assumed: this wait is acceptable."""
 
 
 class _Bus:
-    """Connection of this process to a multicast group."""
+    """Sends and receives one robot's messages in a multicast group."""
 
     def __init__(self, address: RemoteAddress) -> None:
         """Joins the multicast group. Raises DriverError if the group can't be joined."""
@@ -56,7 +56,7 @@ class _Bus:
 
     def put(self, name: str, data: bytes) -> None:
         """Sends a message on the robot's channel `name`. Raises DriverError if sending fails before any
-        message was sent. Later, a message that can't be sent is lost without an error."""
+        message has been sent. Later, a message that can't be sent is lost without an error."""
         try:
             self.transmitter.send(f"{self._prefix}/{name}", data)
             self._works = True
@@ -65,8 +65,8 @@ class _Bus:
                 raise DriverError(f"{self._where}: the network accepts no data: {error.strerror}") from error
 
     def poll(self) -> Iterable[tuple[str, bytes, Address]]:
-        """Returns channel name, bytes and sender of the latest messages, at most `PER_POLL`, the oldest
-        first."""
+        """Returns channel name, data and sender of the messages for this robot that have arrived, the oldest
+        first. If there are very many, drops the older ones."""
         latest: deque[tuple[str, bytes, Address]] = deque(maxlen=PER_POLL)
         for channel, data, sender in self.receiver.poll():
             prefix, _, name = channel.rpartition("/")
@@ -109,14 +109,14 @@ class LcmDriver(RemoteDriver):
         return reading
 
     def _is_late(self) -> bool:
-        """Returns True if the latest state is older than the gate's `stale_after`."""
+        """Returns True if the latest state from the robot's process is too old for the gate."""
         assert self._state is not None
         return self.clock.now() - (self._state.now + self._shift) > self.gate.stale_after
 
     def _poll(self) -> Iterator[State | SessionFrame]:
-        """Yields the received states and frames. Every member of the group can read the session number of the
-        robot's process. Therefore messages with this number are accepted only from the sender of the first
-        state."""
+        """Yields the states and skin frames that have arrived from the robot's process. Ignores messages with
+        this process's session number from other senders, since every member of the multicast group can read
+        this number."""
         readers: dict[str, Callable[[Robot, bytes], State | SessionFrame]] = {
             "state": to_state, "skin": to_skin
         }  # fmt: skip

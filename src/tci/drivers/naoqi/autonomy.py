@@ -155,8 +155,8 @@ def _service(session: Any, name: str) -> Any:
 
 
 def _ask(one: Any, question: str, *arguments: Any) -> Any:
-    """Calls a method of the robot and returns its result, or None if the robot lacks the method or the call
-    fails."""
+    """Calls the method `question` of the service `one` of the robot and returns the result; None if the
+    service lacks the method or the call fails."""
     try:
         return answer(getattr(one, question)(*arguments, _async=True), question, timeout=PATIENCE)
     except (AttributeError, DriverError):

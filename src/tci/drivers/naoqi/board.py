@@ -107,7 +107,7 @@ class Board:
         return self.commanded[servo]
 
     def _current(self, servo: int, constant: float) -> float:
-        """Returns the magnitude [A] of a servo's motor current."""
+        """Returns the size [A] of a servo's motor current. `constant` is the torque per current [N m/A]."""
         return abs(self.torque[servo]) / constant
 
     def _channel(self, patch: str, place: int) -> float | None:

@@ -150,7 +150,7 @@ class NaoqiDriver(Driver):
         self._poller.close()
 
     def _open_stream(self) -> Stream:
-        """Creates the stream of target angles, with the joint limits that the robot reports. Raises
+        """Creates the sender of target angles, with the joint limits that the robot reports. Raises
         DriverError if the robot lacks a joint of the description."""
         motion, names = self._poller.services.motion, self._poller.names
         limits = answer(motion.getLimits("Body", _async=True), "ALMotion.getLimits", timeout=3.0)
@@ -166,8 +166,8 @@ class NaoqiDriver(Driver):
         return Stream(names, lower, upper, fastest)
 
     def _greet(self, services: Services) -> None:
-        """Checks a robot after a reconnection, in the poller's thread. The gate holds until the check is
-        done."""
+        """Checks after a reconnection of an armed driver that no autonomous motion is on; otherwise the gate
+        stops. Runs in the thread that requests data."""
         if not self.armed:
             return
         for name in self._may_move:
@@ -181,14 +181,15 @@ class NaoqiDriver(Driver):
             self._restless = Reason(Code.MOVED_BY_ITSELF, f"after a new connection {error}")
 
     def _glance(self) -> None:
-        """Checks if a person or another program switched autonomous life on. Runs in the poller's thread."""
+        """Makes the gate stop if a person or another program has switched autonomous life on. Runs in the
+        thread that requests data."""
         if self._lookout is not None and (state := self._lookout.look(self.clock.now())):
             words = f"autonomous life has been switched on ({state}); valid: end that and connect again"
             self._restless = Reason(Code.MOVED_BY_ITSELF, words)
 
     def _quieten(self, services: Services) -> None:
-        """Switches autonomous motions off. Raises DriverError if that fails, or if an autonomous motion is on
-        and the address lacks `?life=off`."""
+        """Switches autonomous motions off if the address contains `?life=off`; otherwise raises DriverError
+        if one is on. Also raises DriverError if switching off fails."""
         chains = list(dict.fromkeys(servo.robot_part for servo in self.robot.servos))
         self._may_move = self._may_move or autonomy.present(services.session)
         found = autonomy.movers(services.session, services.motion, chains)

@@ -168,15 +168,15 @@ class Poller:
                 self._end.wait(AGAIN)
 
     def _next_frame(self) -> float | None:
-        """Returns the time [s] at which the next skin frame is due. Returns None if no frame is due before
+        """Returns the time [s] at which the next skin frame is expected; None if none is expected before
         `read` stops waiting."""
         now = self.clock.now()
         due = (seen + self._every[patch] for patch, seen in self._seen.items())
         return min((one for one in due if now - LATE < one < self._until), default=None)
 
     def _skin_first(self) -> bool:
-        """Returns True if the skin is requested before the joints. The skin is requested first if a skin
-        frame is due soon and the joint data of the previous period is recent enough."""
+        """Returns True if the next request is for the skin only, because a skin frame is expected soon and
+        the joint data of the previous period is recent enough."""
         due, before = self._next_frame(), self._before
         now, longest = self.clock.now(), 2.0 * self._period
         return due is not None and before is not None and due - now < FIRST and now - before.stamp < longest
@@ -189,8 +189,8 @@ class Poller:
         self.counts["reconnections"] += 1
 
     def _look_again(self) -> None:
-        """Searches again for patches that the first connection found and a later connection did not find. The
-        program that publishes these patches may start later than NAOqi."""
+        """Searches again for patches that are missing since a reconnection. The program that publishes these
+        patches may start later than NAOqi."""
         lost = {p: self.keys[p] for p, keys in self._known.items() if self._asks.get(p) != keys}
         if lost and self.clock.now() >= self._look:
             self._look = self.clock.now() + GONE
@@ -200,8 +200,8 @@ class Poller:
             self._known |= {p: self._asks[p] for p in here}
 
     def _try(self, key: str) -> Any:
-        """Returns the value of a key, None if there is no value, or `words.REFUSED` if NAOqi refuses the
-        request."""
+        """Returns the value of a key of ALMemory, None if there is no value, or `words.REFUSED` if NAOqi
+        refuses the request."""
         try:
             return self._values(self.services.memory.getListData([key], _async=True), [key], 1.0)[0]
         except DriverError:
@@ -217,8 +217,8 @@ class Poller:
         return list(values)
 
     def _ask(self, joints: JointReading | None = None) -> Sensed:
-        """Makes one request for joints and skin. If `joints` are given, requests only the skin. Raises
-        DriverError if the answer is late or invalid."""
+        """Requests joint data and skin once and returns the answer. If `joints` are given, requests only the
+        skin, and returns it with `joints`. Raises DriverError if the answer is late or invalid."""
         begin = self.clock.now()
         motion, memory = self.services.motion, self.services.memory
         asked = {patch: keys for patch, keys in self._asks.items() if begin >= self._due.get(patch, -np.inf)}
@@ -284,8 +284,8 @@ class Poller:
         return numbers
 
     def _frame(self, patch: str, stamp: float, found: list[Any]) -> SkinFrame | None:
-        """Returns a new skin frame, or None if the values are those of the previous frame. Raises FrameError
-        if the frame is invalid."""
+        """Returns a skin frame made of `found`, the values of the patch's keys in ALMemory; None if the
+        values are missing or those of the previous frame. Raises FrameError if they are invalid."""
         old = self._frames.get(patch)
         if len(self.keys[patch]) > 1:
             self._due[patch] = stamp + 0.9 * self._every[patch]
@@ -312,8 +312,8 @@ class Poller:
 
 
 def _vector(patch: str, value: list[Any] | tuple[Any, ...]) -> NDArray[np.generic]:
-    """Converts a vector of numbers from ALMemory to a skin frame's values. Skin conditioning later checks the
-    number of values."""
+    """Converts a patch's value in ALMemory to a skin frame's values. Raises FrameError if the value is not a
+    vector of numbers."""
     try:
         values = np.array(value)
     except ValueError:

@@ -135,7 +135,8 @@ class ALMotion:
         self._breath[str(chain)[:40]] = bool(enabled)
 
     def _find(self, names: Any) -> list[Servo]:
-        """Finds joints by the name of a joint or chain, or by a list of names."""
+        """Returns the servos of a joint, of a chain, or of a list of both, given by name. Raises ValueError
+        for an unknown name."""
         found: list[Servo] = []
         every = list(names) if isinstance(names, list | tuple) else [names]
         if len(every) > LONGEST:
@@ -264,8 +265,8 @@ def all_services(board: Board) -> dict[str, object]:
 
 
 def _limits(servo: Servo) -> list[float]:
-    """Returns lower limit, upper limit, top speed and largest torque of a servo, for `ALMotion.getLimits`.
-    The limits of a hand are 0 and 1."""
+    """Returns lower limit [rad], upper limit [rad], top speed [rad/s] and largest torque [N m] of a servo.
+    Unknown limits are replaced by those of a hand: 0, 1, 8.33 and 0."""
     limits = servo.limits
     values = (limits.lower, limits.upper, limits.velocity, limits.torque)
     return [float(b if a is None else a) for a, b in zip(values, (0.0, 1.0, 8.33, 0.0), strict=True)]
@@ -273,7 +274,7 @@ def _limits(servo: Servo) -> list[float]:
 
 def _numbers(values: Any, count: int, what: str, lowest: float, highest: float) -> list[float]:
     """Returns `count` numbers; a single number is repeated `count` times. Raises ValueError if `values` has
-    another length or an invalid number."""
+    another length or a number that is not between `lowest` and `highest`."""
     given = list(values) if isinstance(values, list | tuple) else [values] * count
     valid = len(given) == count and all(
         isinstance(v, int | float) and math.isfinite(v) and lowest <= v <= highest for v in given

@@ -82,8 +82,8 @@ class Stream:
             self._running |= dict.fromkeys(chosen, call)
 
     def _free(self, servo: int) -> bool:
-        """Returns True if the robot has answered the call with the previous target. If not, no target is sent
-        in this period."""
+        """Returns True if a new target may be sent, because the robot has answered the call with the previous
+        target."""
         running = self._running.get(servo)
         if running is None:
             return True

@@ -136,8 +136,8 @@ class Client:
         self.lost = self.lost or "closed"
 
     def _request(self, subtype: int, body: bytes) -> Message:
-        """Sends a request to the server and returns the answer. Stores data that arrives before the answer,
-        for the next call of `poll`.
+        """Sends a request to the server and returns the answer. Data that arrives before the answer is
+        returned by the next call of `poll`. Raises DriverError if the server refuses or does not answer.
         """
         self.send(Message(PLAYER, 0, Kind.REQUEST, subtype, 0.0, body, robot=self._robot))
         end = time.monotonic() + TIMEOUT
@@ -185,7 +185,7 @@ class Client:
         return data
 
     def _acknowledge(self) -> None:
-        """Acknowledges received data immediately. Without the acknowledgement, a server with Nagle's
+        """Makes the operating system acknowledge received data immediately. Otherwise a server with Nagle's
         algorithm waits 40 ms before sending more data."""
         if hasattr(socket, "TCP_QUICKACK"):
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)

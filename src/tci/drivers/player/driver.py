@@ -180,8 +180,8 @@ class PlayerDriver(RemoteDriver):
                 self._refuse(error)
 
     def _accept_data(self, name: str, message: Message) -> None:
-        """Decodes and stores the joint data of a part or a frame of a patch. Raises FrameError if the data is
-        invalid."""
+        """Decodes and stores the joint data of the part `name`, or a frame of the patch `name`. Raises
+        FrameError if the data is invalid."""
         clock, count = self._arrived[name]
         if message.interface == OPAQUE:
             values = to_raw(to_blob(message.body), self.robot.patch(name).channels)

@@ -85,11 +85,10 @@ class _Client:
     devices: set[tuple[int, int]] = field(default_factory=set)
     sequence: int = 0
     asked: bool = False
-    """True if the client has requested data (pull mode), and the server has not yet sent the message that
-    ends the requested data."""
+    """True from a request for data (pull mode) until the server has sent the message that ends the data."""
 
     def send(self, message: Message) -> None:
-        """Queues a message for the client. If the client reads too slowly, a message of the kind DATA is
+        """Queues a message for the client. If the client reads too slowly, a message with the robot's data is
         dropped.
 
         Raises FrameError if too many bytes are queued.
@@ -236,7 +235,7 @@ class PlayerServer(RemoteServer):
         self._clients.remove(client)
 
     def _read_messages(self, client: _Client) -> None:
-        """Handles the messages of a client.
+        """Reads and handles the messages of a client.
 
         Raises OSError if the connection is closed, FrameError for an invalid message.
         """
@@ -265,8 +264,8 @@ class PlayerServer(RemoteServer):
         )  # fmt: skip
 
     def _reply(self, client: _Client, message: Message) -> bytes | None:
-        """Returns the answer to a request, or None if the request is unknown. Raises FrameError if the
-        request is invalid."""
+        """Returns the body of the answer to a request; None if the request is unknown, and will be refused.
+        Raises FrameError if the request is invalid."""
         if message.interface == PLAYER:
             if message.subtype == DEVLIST:
                 return devices(self._offered, self.port)
@@ -297,7 +296,8 @@ class PlayerServer(RemoteServer):
         return b"" if message.subtype == POWER else None
 
     def _order(self, message: Message) -> None:
-        """Handles a command from a client: positions for a robot part, or orders of another TCI process."""
+        """Accepts a command from a client: positions for a robot part, or orders of another TCI process.
+        Ignores an invalid command."""
         try:
             if (message.interface, message.index) == (OPAQUE, STATES):
                 self._arrived.append(to_blob(message.body))

@@ -219,10 +219,10 @@ def to_skin(data: bytes, channels: int) -> NDArray[np.generic]:
 
 
 def _count(body: bytes, size: int, rest: int = 0) -> int:
-    """Returns the number of items of `size` bytes in a variable array. The array begins with this number,
-    written twice.
+    """Returns the number of items in the array at the start of `body`. The array consists of this number,
+    written twice, and the items of `size` bytes.
 
-    Raises FrameError if the two numbers differ, or if the body is shorter than the array plus `rest` bytes.
+    Raises FrameError if the two numbers differ, or if fewer than `rest` bytes follow the array.
     """
     if len(body) < 8:
         raise FrameError(f"Player: an array in {len(body)} bytes; valid: 8 and its items")

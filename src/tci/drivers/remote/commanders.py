@@ -35,7 +35,7 @@ class _Member:
     reason: Reason | None = None
     halt: Reason | None = None
     servos: set[int] = field(default_factory=set)
-    """Joints that only this process may command."""
+    """Indices of the servos that only this process may command."""
 
 
 class CommandArbiter:

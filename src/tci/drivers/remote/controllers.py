@@ -96,7 +96,7 @@ class PartControllers:
 
 
 class _Part:
-    """The controller of one part."""
+    """Controller of one robot part, which counts as one commander of the robot."""
 
     def __init__(self, robot: Robot, name: str, session: int) -> None:
         self.client = secrets.randbits(62) + 1

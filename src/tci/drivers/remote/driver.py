@@ -94,16 +94,17 @@ class RemoteDriver(Driver):
 
     @abstractmethod
     def _poll(self) -> Iterable[State | SessionFrame]:
-        """Returns the latest messages that have arrived, at most a fixed number."""
+        """Returns the latest states and skin frames that have arrived from the robot's process, at most a
+        fixed number."""
 
     @abstractmethod
     def _put(self, orders: Orders) -> None:
         """Sends orders to the robot's process."""
 
     def _use_full_gate(self, lease_name: str) -> None:
-        """Changes to direct control of a robot that no TCI process owns.
+        """Prepares the driver for a robot that no TCI process owns.
 
-        This process then checks commands with the full gate and holds the robot's lease.
+        This process then makes all checks of the gate, and must hold the lease `lease_name`.
         """
         gate = Gate(self.robot, period=self.period, stale_after=self.gate.stale_after)
         self.info = replace(self.info, gate=gate, lease_name=lease_name)
@@ -146,8 +147,8 @@ class RemoteDriver(Driver):
         return tuple(found)
 
     def _wait(self) -> None:
-        """Waits for a state and for a frame of every skin patch. Raises DriverError if no state arrives in
-        time."""
+        """Waits for the first state of the robot, then for the first frame of every patch. Raises DriverError
+        if no state arrives in time; missing frames are no error."""
         begin = time.monotonic()
         while self._state is None:
             self._take()
@@ -200,9 +201,10 @@ class RemoteDriver(Driver):
         self._send_orders(state, None if theirs else safe.reason, leaving=False)
 
     def _halt(self) -> None:
-        """Drops pending orders, and requests a hold until the robot's process holds.
+        """Drops orders that are not acknowledged yet. Asks the robot's process to hold, and waits until it
+        holds, at most `stale_after` [s].
 
-        If the connection is lost, the robot's process holds the robot without a request.
+        If the connection is lost, the robot's process holds without being asked.
         """
         if self._state is None or not self._sequence:
             return
@@ -273,9 +275,9 @@ class RemoteDriver(Driver):
         self._shift = state.sent + self._delays[0][1] - state.now
 
     def _process_entry(self, commander: Commander) -> None:
-        """Processes what a state message of the robot's process says about this driver's orders. Acknowledged
-        orders are no longer pending; a refused order holds the robot. Raises DriverError if the order was
-        refused because another process commands the robot."""
+        """Processes which of this driver's orders the robot's process has acknowledged or refused. After a
+        refusal, this driver's gate holds. Raises DriverError if the reason is that another process commands
+        the robot."""
         while self._pending and self._next - len(self._pending) <= commander.acknowledged:
             self._pending.popleft()
         if commander.refused > self._refused:

@@ -35,11 +35,11 @@ class RemoteServer(Server):
 
     @abstractmethod
     def _poll(self) -> Iterable[Orders]:
-        """Returns the messages that have arrived, at most a fixed number."""
+        """Returns the messages of clients that have arrived, at most a fixed number."""
 
     @abstractmethod
     def _show(self, state: State) -> None:
-        """Sends a state to all clients."""
+        """Sends the state of the robot and its gate to all clients."""
 
     @abstractmethod
     def _show_skin(self, frame: SkinFrame) -> None:

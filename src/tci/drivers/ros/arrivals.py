@@ -95,8 +95,8 @@ class JointArrivals:
             )
 
     def _order(self, names: tuple[str, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Returns two arrays for the servos in a message: their indices in `Robot.servos`, and their places
-        in the message's list `names`."""
+        """Returns two arrays (k,) for the k servos that `names` contains: their indices in `Robot.servos`,
+        and their indices in `names`. Raises FrameError if a joint is named twice."""
         if names not in self._orders:
             if len(self._orders) >= MOST_ORDERS:
                 raise FrameError(f"JointState: more than {MOST_ORDERS} different lists of names")
@@ -109,8 +109,8 @@ class JointArrivals:
         return self._orders[names]
 
     def _speed(self, servos: NDArray[np.intp], position: Array, stamp: float) -> Array:
-        """Computes speeds [rad/s] from the change of the positions since the previous message, for a robot
-        that sends no speeds."""
+        """Returns speeds (k,) [rad/s] for a robot that sends none, computed from the change of the positions
+        since the previous message; 0 for the first message."""
         passed = stamp - self._stamps[servos]
         moved = position - self._position[servos]
         known = np.isfinite(passed) & (passed > 0.0) & np.isfinite(moved)

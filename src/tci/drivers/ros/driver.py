@@ -138,14 +138,14 @@ class RosDriver(RemoteDriver):
         return keep
 
     def _where_else(self) -> str:
-        """Returns advice for a user who tried to connect while no node published the robot's joints."""
+        """Returns an addition to the error message that no node publishes the robot's joints."""
         return ""
 
     def _is_tci(self, wait: float) -> bool:
         """Returns True if a TCI process serves the robot, False if the robot has its own ROS topics.
 
-        Raises DriverError if no node publishes the joints within `wait` [s]. Also raises DriverError,
-        immediately, if the topic of the joints has another type than JointState.
+        Raises DriverError if no node publishes the joints within `wait` [s], if their topic has another type
+        than JointState, or if a TCI process offers its topics but sends no state.
         """
         begin = time.monotonic()
         plain_since = np.inf
@@ -170,8 +170,8 @@ class RosDriver(RemoteDriver):
             time.sleep(0.01)
 
     def _wait_for_discovery(self, seconds: float) -> None:
-        """Waits until the robot's process can receive orders from this process, since ROS takes time to
-        connect publishers and subscribers."""
+        """Waits until the robot's process receives orders from this process, since ROS takes time to connect
+        the two. Raises DriverError after `seconds` [s]."""
         end = time.monotonic() + seconds
         while True:
             self._take()

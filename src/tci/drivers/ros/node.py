@@ -68,8 +68,8 @@ class RosNode(ABC):
         return True
 
     def _pass_on(self, topic: str, decoded: Callable[[], Mapping[str, Any]], callback: Callback) -> None:
-        """Decodes one message and passes the fields to the callback. Counts the message as rejected if
-        decoding or the callback fails."""
+        """Calls `callback` with the fields of a message, which the function `decoded` returns. Counts the
+        message as rejected if one of them fails."""
         try:
             callback(decoded())
         except (TciError, ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:

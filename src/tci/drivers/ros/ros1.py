@@ -110,8 +110,7 @@ class Ros1Node(RosNode):
     def _serve_in_threads(self) -> None:
         """Makes rospy accept each connection in a thread of its own.
 
-        This is needed because rospy has a single thread for new connections, and one client that sends
-        nothing would block this thread.
+        Otherwise one client that sends nothing would block all new connections.
         """
         server = import_module("rospy.impl.tcpros_base").init_tcpros_server()  # returns the existing server
         server.start_server()
@@ -151,9 +150,10 @@ class Ros1Node(RosNode):
         return tuple(sorted(type_.replace("/", "/msg/", 1) for type_ in found))
 
     def _publications(self, node: str) -> Sequence[tuple[str, str]]:
-        """Returns the topics that a node publishes, with their types, as the node itself reports them.
+        """Asks a node for its published topics and returns each topic with its type. The result is empty if
+        the node does not answer.
 
-        The master's list is not used, since the list also contains nodes that were killed.
+        The master's list is not used, since it also contains nodes that were killed.
         """
         uri = ""
         with suppress(Exception):
@@ -186,22 +186,21 @@ def _stay_here() -> None:
     """Makes rospy listen on the loopback interface only, unless the user has chosen a network.
 
     A user chooses a network by ROS_IP, by ROS_HOSTNAME, or by a remote master in ROS_MASTER_URI. Otherwise
-    this function sets ROS_IP to 127.0.0.1. It does not set ROS_HOSTNAME: with ROS_HOSTNAME, rospy would need
-    the package `netifaces`, which Debian installs only for its own Python.
+    this function sets ROS_IP to 127.0.0.1.
     """
     if _is_here() and not any(map(os.environ.get, NAMES)):
         os.environ["ROS_IP"] = "127.0.0.1"
 
 
 def _is_here() -> bool:
-    """Returns True if other machines can't reach the node: the addresses in ROS_MASTER_URI, ROS_IP and
-    ROS_HOSTNAME, as far as they are set, are loopback addresses."""
+    """Returns True if other machines can't reach the node, because ROS_MASTER_URI, ROS_IP and ROS_HOSTNAME
+    are loopback addresses or not set."""
     asked = urlsplit(os.environ.get("ROS_MASTER_URI") or MASTER).hostname, *map(os.environ.get, NAMES)
     return all(numeric(host) == "127.0.0.1" for host in asked if host)
 
 
 class _Brief(Transport):
-    """HTTP transport whose calls end with an error after MASTER_TIMEOUT."""
+    """HTTP transport whose calls end with an error if no answer arrives within some seconds."""
 
     def make_connection(self, host: Any) -> HTTPConnection:
         connection = super().make_connection(host)
@@ -242,10 +241,10 @@ class Ros1Server(RosServer):
 
 @cache
 def _type(kind: MessageType) -> Any:
-    """Returns the Python class of a message.
+    """Returns rospy's Python class for messages of `kind`.
 
-    Uses the class that is installed with ROS, if there is one, so that the checksums of publisher and
-    subscriber are equal. Messages of the package tci_msgs need no installation: their classes are generated.
+    The class is the one that is installed with ROS, so that the checksums of publisher and subscriber are
+    equal. Only classes of the package tci_msgs are generated, and need no installation.
     """
     package, _, name = kind.name.split("/")
     if package != "tci_msgs":
@@ -260,7 +259,7 @@ def _type(kind: MessageType) -> Any:
 
 @cache
 def _installed(type_: str) -> Any:
-    """Returns the class of a message type from an installed package."""
+    """Returns the class of the message type `package/Name` from an installed package."""
     package, _, name = type_.partition("/")
     if package == "builtin_interfaces":
         return getattr(import_module("genpy"), name)
@@ -269,7 +268,7 @@ def _installed(type_: str) -> Any:
 
 @cache
 def _trees(kind: MessageType) -> Trees:
-    """Returns an object that converts rospy's messages to values, and values to rospy's messages."""
+    """Returns an object that converts between rospy's messages of `kind` and the values of their fields."""
 
     def new(type_: str, fields: Mapping[str, Any]) -> Any:
         return (_installed(type_) if type_ else _type(kind))(**fields)

@@ -161,7 +161,8 @@ class DdsNode(RosNode):
 
 
 class _Publisher:
-    """A publisher of one topic. Raises DriverError if its node is closed."""
+    """Publisher of one topic. A call with the values of a message's fields sends the message. Raises
+    DriverError if the node is closed."""
 
     def __init__(self, writer: DataWriter[Any], kind: MessageType) -> None:
         self._kind, self._cls = kind, _idl(kind)
@@ -195,8 +196,8 @@ def type_hash(kind: MessageType) -> str:
 
 @cache
 def _idl(kind: MessageType) -> type[IdlStruct]:
-    """Returns the DDS type for messages of `kind`. An object of this type contains the bytes that
-    `tci.rosmsg.cdr` encodes."""
+    """Returns the DDS type for messages of `kind`. An object of this type has the encoded message as bytes in
+    its attribute `raw`."""
     needs = dict(kind.needs)
     if kind.headed:
         needs |= dict((_TIME, _HEADER))
@@ -235,9 +236,10 @@ def _open_domain(number: int, reach: str) -> None:
 
 
 def _static_peers() -> list[str]:
-    """Returns the peers in ROS_STATIC_PEERS as numeric addresses.
+    """Returns the machines in ROS_STATIC_PEERS as numeric addresses, with ports if given. Raises DriverError
+    if an address is invalid.
 
-    Names are resolved here because Cyclone ends the process if it can't parse an address.
+    Names are resolved here because Cyclone DDS ends the process if it can't parse an address.
     """
     found = []
     for peer in filter(None, os.environ.get("ROS_STATIC_PEERS", "").split(";")):
@@ -256,10 +258,10 @@ def _static_peers() -> list[str]:
 
 
 def _settings(reach: str) -> str:
-    """Returns the settings with which Cyclone discovers nodes in the range `reach`, as ROS 2 does.
+    """Returns the settings with which Cyclone DDS discovers nodes as ROS 2 does. `reach` is a value of
+    ROS_AUTOMATIC_DISCOVERY_RANGE.
 
-    With these settings, Cyclone ignores type information from Fast DDS (vendor 1.15), because the two
-    implementations interpret this information differently. ROS 2 identifies types by their hash instead.
+    Cyclone DDS then ignores type information from Fast DDS, because the two interpret it differently.
     """
     peers = _static_peers()
     text = "<Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>"

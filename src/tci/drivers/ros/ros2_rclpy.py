@@ -99,9 +99,10 @@ class RclpyNode(RosNode):
 
 @contextmanager
 def _ranging(reach: str) -> Iterator[None]:
-    """Inside the `with` block, sets the environment variable for the range of discovery.
+    """Limits the discovery of nodes in the `with` block to `reach`, a value of ROS_AUTOMATIC_DISCOVERY_RANGE,
+    by environment variables.
 
-    rclpy reads the variable only at the start of a context.
+    rclpy reads these variables only at the start of a context.
     """
     names = {"ROS_AUTOMATIC_DISCOVERY_RANGE": reach}
     if reach == "LOCALHOST" and os.environ.get("ROS_DISTRO") in BEFORE_RANGES:
@@ -119,9 +120,9 @@ def _ranging(reach: str) -> Iterator[None]:
 
 
 def _type(kind: MessageType) -> Callable[[], Any]:
-    """Returns a function that loads the class of a message from the installed ROS package.
+    """Returns the class of messages of `kind` from the installed ROS package.
 
-    The function raises DriverError if the package is missing.
+    Raises DriverError if the package is missing.
     """
     package, _, name = kind.name.split("/")
     try:

@@ -78,8 +78,8 @@ class RosbridgeNode(RosNode):
         return send
 
     def _send_message(self, said: Mapping[str, Any]) -> None:
-        """Sends a message. Call this method only in roslibpy's thread, which also opens and closes
-        connections. Drops the message if there is no connection, so that old commands are never sent later.
+        """Sends a message. Drops it if there is no connection or the server reads too slowly, so that old
+        commands are never sent later. Call this method only in roslibpy's thread.
         """
         connection = self._ros.factory._proto
         if connection is not None and connection.transport.get_write_buffer_size() < MOST_WAITING:
@@ -124,7 +124,8 @@ class RosbridgeNode(RosNode):
             gone.wait(TIMEOUT)
 
     def _ask(self, name: str, type_: str, request: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Returns the answer of a service of rosapi. Raises DriverError if rosapi does not answer."""
+        """Calls the service `name` of the node rosapi, and returns the answer. Raises DriverError if rosapi
+        does not answer."""
         service = roslibpy.Service(self._ros, f"/rosapi/{name}", f"rosapi/{type_}")
         try:
             answer: Mapping[str, Any] = service.call(roslibpy.ServiceRequest(request), timeout=TIMEOUT)

@@ -102,7 +102,8 @@ class Trees:
 
 
 def _plain(item: str, value: Any) -> Any:
-    """Returns a sequence in a form that ROS accepts: bytes for uint8, or a list for all other types."""
+    """Returns the value of an array field in a form that ROS accepts: bytes if the type `item` of its
+    elements is uint8, otherwise a list."""
     if item == "uint8":
         return np.asarray(value, dtype=np.uint8).tobytes()
     return np.asarray(value).tolist() if item in NUMBERS else list(value)

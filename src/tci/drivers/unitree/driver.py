@@ -179,8 +179,8 @@ class UnitreeDriver(Driver):
         self._node.close()
 
     def _hear(self) -> None:
-        """Reads the latest states of body and hands. Joints are updated only when all hands with fingers have
-        sent a state."""
+        """Reads the latest states of the body and the hands. Joint data is updated only after all hands with
+        fingers have sent a state."""
         now = self.clock.now()
         for hand in self._hands:
             hand.poll(now)
@@ -225,7 +225,7 @@ class UnitreeDriver(Driver):
             time.sleep(0.002)
 
     def _unreached(self) -> dict[int, str]:
-        """Returns the reasons why commands can't move some servos, by servo index."""
+        """Returns the servos that commands can't move: the reason by servo index."""
         variant = int(self._health.state["mode_machine"])
         gone = absent(variant, simulation=self.where.simulation)
         count = VARIANTS.get(variant, (MOTORS, ()))[0]
@@ -255,8 +255,8 @@ class UnitreeDriver(Driver):
         self._wait(WAIT)
 
     def _follow(self, status: Status) -> None:
-        """Stops the gate if `status` contains a lasting fault. Makes the gate hold while TCI does not control
-        the motors."""
+        """Adapts the gate to the keeper's `status`: the gate stops after a lasting fault, and holds while TCI
+        does not control the motors."""
         before, self._phase = self._phase, status.phase
         if status.lasting:
             self.gate.stop(Reason(Code.ROBOT_REFUSES, f"the motors are handed back: {status.reason}"))

@@ -71,10 +71,10 @@ class FingerMotors:
     def _follow(
         self, motors: NDArray[np.intp], q: Array, dq: Array, tau: Array, stiff: NDArray[np.bool_]
     ) -> None:
-        """Sets target angles, speeds and torques (k,) of some motors.
+        """Sets target angles [rad], speeds [rad/s] and torques [N m] (k,) of the motors `motors` (k,).
 
-        A motor that is not `stiff` follows only the target torque. At the first call, the motors that are not
-        among `motors` keep their present angles.
+        A motor that is not `stiff` follows only the target torque. At the first call, all other motors keep
+        their present angles.
         """
         command = self._command
         if self._released:

@@ -148,10 +148,10 @@ class Hand:
         return tuple(made)
 
     def _values(self, pads: Any) -> NDArray[np.float32]:
-        """Returns the values (p, 12) of p press sensors, which have 12 places each.
+        """Returns the raw values (p, 12) of p press sensors with 12 places each.
 
-        A value is NaN if its place has no sensor, or if the sensor reports that data was lost since the last
-        state.
+        A value is NaN if its place is not used, or if its press sensor reports that data was lost since the
+        last state.
         """
         values: NDArray[np.float32] = pads["pressure"].copy()
         values[values == NO_VALUE] = math.nan

@@ -136,12 +136,14 @@ class HeldMotors:
             self._socket.close()
 
     def _watch(self) -> None:
-        """Waits until the keeper ends. Runs in its own thread, which a slow behaviour can't delay."""
+        """Waits for the end of the keeper, the process that commands the motors, and then hands the motors
+        back if necessary. Runs in its own thread."""
         self._process.wait()
         self.poll()
 
     def _hand_back(self) -> None:
-        """Hands the motors back, in a thread, if the keeper ended while it controlled the motors."""
+        """Hands the motors back to the robot's own controller, in a thread, if the keeper ended while it
+        controlled the motors."""
         with suppress(subprocess.TimeoutExpired):
             if self._process.wait(1.0) == 0 or self.status.phase is Phase.WAITING:
                 words = self.status.reason or "the process that holds the motors has ended"

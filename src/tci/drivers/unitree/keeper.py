@@ -139,8 +139,8 @@ class Keeper:
                 self.handover.give_unseen(before, self.health.posture)
 
     def _read(self, now: float) -> None:
-        """Reads the driver's messages. If several messages have targets, only the latest one has an
-        effect."""
+        """Reads and obeys the driver's messages. If several messages contain targets, only the latest one has
+        an effect."""
         targets = b""
         while True:
             try:
@@ -170,8 +170,8 @@ class Keeper:
         self.leaving, self._reason = True, why
 
     def _judge(self, now: float) -> None:
-        """Begins to hand the motors back if a reason exists. Reasons are: a fault, old states, a behaviour
-        that sends no targets, or another program that commands the robot.
+        """Begins to hand the motors back in these cases: the driver requests it, the robot has a fault, the
+        robot's states are too old, the behaviour sends no targets, or another program commands the robot.
         """
         if now - self._looked > LOOK:
             self._looked = now
@@ -194,7 +194,8 @@ class Keeper:
             self._reason = ""
 
     def _take(self, now: float) -> None:
-        """Begins to take the motors if the driver has requested this and no condition forbids it."""
+        """Begins to take the motors if the driver has requested this, the robot has no fault, and the search
+        for other commanding programs has had enough time."""
         if not self._wanted or self.health.lasting or self.health.passing(now):
             return
         if self._first is None or now - self._first < DISCOVERY:
@@ -203,14 +204,15 @@ class Keeper:
         self.handover.take(self.health.posture, now)
 
     def _address(self, state: Any) -> None:
-        """Copies the robot's variant from `state` to the command. Excludes motors that this variant lacks."""
+        """Prepares the command for the robot's variant in `state`, and excludes motors that this variant
+        lacks."""
         gone = absent(int(state["mode_machine"]), simulation=True)
         self._commanded = np.setdiff1d(self._commanded, gone)
         self._command["mode_pr"], self._command["mode_machine"] = state["mode_pr"], state["mode_machine"]
 
     def _send(self, targets: Any) -> None:
-        """Sends targets (5, 29) to the commanded motors. The rows are angle, velocity, torque, stiffness and
-        damping. Other motors stay disabled."""
+        """Sends `targets` (5, 29) for 29 motors to the robot: angle [rad], velocity [rad/s], torque [N m],
+        stiffness and damping. Motors that TCI does not command stay disabled."""
         motor, these = self._command["motor"], self._commanded
         motor["mode"][these] = 1
         for name, row in (("q", Q), ("dq", DQ), ("tau", TAU), ("kp", KP), ("kd", KD)):

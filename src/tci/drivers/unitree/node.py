@@ -124,8 +124,8 @@ def latest(reader: DataReader[Any], most: int = MOST) -> list[Any]:
 
 
 def _settings(interface: str) -> str:
-    """Returns Cyclone's settings for one interface. On loopback, multicast is off, since loopback has no
-    multicast."""
+    """Returns the settings of Cyclone DDS for one network interface. Multicast is off on loopback, which has
+    none."""
     here = is_loopback(interface)
     network = (
         f'<NetworkInterface name="{interface}"{" multicast=" + chr(34) + "false" + chr(34) if here else ""}/>'

@@ -127,7 +127,7 @@ class UnitreeServer(Server):
             hand.publish(joints, reading.skin)
 
     def _show(self, joints: JointReading) -> None:
-        """Sends a state with the measured values of the joints."""
+        """Sends a state message with the measured values of the joints to all clients."""
         motors = self._state["motor"]
         body, slots = self._body, self._slots
         motors["q"][slots], motors["dq"][slots] = joints.position[body], joints.velocity[body]
@@ -160,9 +160,9 @@ class UnitreeServer(Server):
         return None
 
     def _order(self, motors: Any, *, arms: bool) -> Order | None:
-        """Returns an order with the set-points of the enabled motors that a client has told to move; None if
-        there are none. Each received set-point is averaged with that of the simulated controller, with the
-        received weight.
+        """Returns an order to move those motors that a client has told to move; None if there are none. With
+        `arms` (commands on rt/arm_sdk), each set-point is the mean of the client's and the simulated
+        controller's set-points, weighted with the client's weight.
         """
         weight = float(np.clip(motors["q"][WEIGHT], 0.0, 1.0)) if arms else 1.0
         slots = commanded(whole=not arms)

@@ -55,7 +55,8 @@ class Switcher:
         raise DriverError(f"motion_switcher: the robot's controller {name} stays on after {TRIES} releases")
 
     def _call(self, api: int, parameter: dict[str, str]) -> str:
-        """Sends a call and returns the data of the answer. Repeats the call until an answer arrives.
+        """Calls the function `api` of the service motion_switcher, repeatedly until an answer arrives, and
+        returns the data of the answer.
 
         Raises DriverError if the call fails or no answer arrives in time.
         """

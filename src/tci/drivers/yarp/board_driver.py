@@ -240,9 +240,9 @@ class BoardDriver:
             self._connect_commands()
 
     def _must_switch(self, servo: int, mode: Mode, reported: Mode | None, on: bool) -> bool:
-        """Returns True if the driver must request `mode` for a servo. There are two cases: the driver's last
-        request was for another mode, or the servo is in position mode and must be switched to
-        position-direct. If another program has changed the mode, the driver does not change it back."""
+        """Returns True if the driver must request `mode` for a servo. `reported` is the servo's mode in the
+        board's latest state; `on` is True if the servo is on. If another program has changed the mode, the
+        driver does not change it back."""
         if mode is not self._requested[servo]:
             return True
         return (
@@ -253,7 +253,8 @@ class BoardDriver:
         return reported is mode or servo in self._direct or mode in (Mode.VELOCITY, Mode.TORQUE)
 
     def _switch(self, wanted: dict[int, Mode], mine: dict[int, int]) -> bool:
-        """Requests the `wanted` modes, unless a request is pending. Returns True if a request was sent."""
+        """Requests the `wanted` modes by servo index, unless a request is pending. `mine` are the board's
+        axes by servo index. Returns True if a request was sent."""
         if not wanted or self._switching:
             return False
         for servo, mode in wanted.items():
@@ -272,7 +273,8 @@ class BoardDriver:
         return True
 
     def _settle(self, patience: float = 0.0) -> bool:
-        """Returns True if no change of modes is pending. Raises YarpError if the board refused a change."""
+        """Waits up to `patience` [s] for pending changes of modes. Returns True if none is pending any more.
+        Raises YarpError if the board refused a change."""
         try:
             answered = self.board.settle(patience)
             if answered:
@@ -286,7 +288,8 @@ class BoardDriver:
             raise
 
     def _set_shares(self, safe: SafeCommand, mine: dict[int, int]) -> None:
-        """Sets stiffness and damping as fractions of the values that the board had when the driver opened."""
+        """Sets the stiffness and damping in a command. They are fractions of the values that the board had
+        before the first such command."""
         shares = [(0, safe.stiffness), (1, safe.damping)]
         for servo in {servo for _, values in shares for servo in values if servo in mine}:
             if Mode.IMPEDANCE not in next(s.modes for s in self.axes.servos if s.index == servo):
@@ -303,8 +306,8 @@ class BoardDriver:
     def _stream_all(
         self, safe: SafeCommand, ahead: Array, chosen: Sequence[tuple[int, int]], mine: dict[int, int]
     ) -> None:
-        """Sends the set-points of the `chosen` servos: angles, velocities or torques, as the mode of each
-        servo requires. Each entry of `chosen` has the servo's place in the command and the servo's index in
+        """Sends the set-points of the `chosen` servos: angles from `ahead` [rad], velocities or torques, as
+        the mode of each servo requires. Each entry of `chosen` has the servo's indices in the command and in
         `Robot.servos`."""
         for stream, values in (
             (Stream.POSITION, np.rad2deg(ahead)),

@@ -175,7 +175,8 @@ class YarpDriver(Driver):
         return Reading(joints=self._joints, skin=tuple(self._frames()))
 
     def _joints_at(self, stamp: float) -> JointReading:
-        """Returns a reading of all boards. Uses each board's state nearest to the time `stamp` [s]."""
+        """Returns the joint data of all boards at the time `stamp` [s]: each board's state nearest to this
+        time."""
         count = len(self.robot.servos)
         position, velocity, torque = np.full((3, count), np.nan)
         modes: list[Mode | None] = [None] * count
@@ -231,8 +232,7 @@ class YarpDriver(Driver):
         """Makes the gate hold while a board refuses a change of mode; `now` [s] is the present time.
 
         A board refuses for a short time while it starts, or while the robot's own software holds the joints.
-        The driver repeats the request to such a board in each period. Raises DriverError if a board refuses
-        for longer than REFUSED.
+        Raises DriverError if a board refuses for too long.
         """
         for since, error in self._refused.values():
             if now - since > REFUSED:

@@ -237,26 +237,26 @@ class ServedBoard(BoardService):
     def _asked(
         self, joints: Sequence[int] | None, words: Sequence[Any], valid: Collection[Vocab]
     ) -> tuple[list[int], list[Vocab]]:
-        """Returns those joints named in a call that can be moved, and the mode that the call requests for
-        each of these joints."""
+        """Returns the joints in a call that can be moved, and the mode in `words` that the call requests for
+        each of them."""
         chosen = self.joints(joints)
         found = call_arguments.modes(words, len(chosen), self.part, valid)
         obeying = self._obeying(chosen)
         return obeying, [found[chosen.index(number)] for number in obeying]
 
     def _obeying(self, chosen: list[int]) -> list[int]:
-        """Returns the joints that a call moves.
+        """Returns those of the joints `chosen` in a call that the call moves.
 
         In a call for the whole board, joints that can't be moved are left out and keep the present angles.
         """
         return self._movable if len(chosen) == self.count and self._movable else chosen
 
     def _aim(self, chosen: Sequence[int], values: Array, speeds: Array) -> None:
-        """Orders joints (k,) to move to angles [deg] at speeds [rad/s]; angles are limited to the joints'
-        ranges.
+        """Orders the joints `chosen` (k,) to move to `values` (k,) [deg] at `speeds` (k,) [rad/s]. Values
+        outside a joint's range are clamped.
 
-        A joint does not move if its speed is below the smallest speed that the gate accepts. Programs choose
-        speeds so that all joints arrive together; a joint that is already at its target then has the speed 0.
+        A joint with a speed of almost 0 does not move: programs that let all joints arrive together give this
+        speed to joints that are already at their targets.
         """
         angles = np.deg2rad(np.clip(values, *self._range[list(chosen)].T)) if len(chosen) else values
         obeying = {*self._obeying(list(chosen))}
@@ -270,7 +270,8 @@ class ServedBoard(BoardService):
                 self._order([chosen[place] for place in mine], mode, angles[mine], speeds[mine])
 
     def _switch(self, joints: Sequence[int], wanted: Sequence[JointMode]) -> None:
-        """Orders new modes for joints; the gate changes a mode only while the joint is at rest.
+        """Requests the modes `wanted` for joints from the gate, which changes a mode only while the joint is
+        at rest.
 
         If the gate refuses a mode, the joint's previous mode is restored.
         """
@@ -293,7 +294,8 @@ class ServedBoard(BoardService):
     def _rest(self, joints: Sequence[int]) -> dict[int, float]:
         """Brings `joints` to rest before a change of mode, and also all other joints that move to a target.
 
-        Returns the targets [deg] of these other joints; after the change of mode, their moves continue.
+        Returns the targets [deg] of these other joints by joint number, with which the caller continues their
+        moves.
         """
         others = {
             number: float(self.set_points[Stream.POSITION][number])

@@ -169,12 +169,11 @@ class YarpServer(Server):
             self._own.close()
 
     def _name_server(self, options: YarpAddress) -> tuple[NameServer | None, Network]:
-        """Returns the name server that this process has started (None if it has started none) and the
-        network.
+        """Returns the name server if this process has started it, otherwise None; and the network.
 
-        The ports are registered at the name server in the address or in yarp.conf. If this name server does
-        not answer, a new one is started in this process. The network is not searched for other name servers:
-        with a name server on another machine, other machines could reach the ports.
+        Uses the name server in the address or in yarp.conf. If it does not answer, starts one in this
+        process. Searches for no other name server: through one on another machine, other machines could reach
+        the ports.
         """
         if options.server is None and not config_file(namespace()).is_file():
             options = replace(options, server=DEFAULT)
@@ -223,7 +222,7 @@ class YarpServer(Server):
                 self._ports.pop(name).close()
 
     def _open_facts(self) -> None:
-        """Opens the port that answers queries of the robot's facts."""
+        """Opens the port on which other programs query facts about the robot."""
         facts = FactsService(self.driver.robot)
 
         def call(delivery: Delivery) -> Answer:
@@ -247,11 +246,7 @@ class YarpServer(Server):
         self.last_error = reason.text
 
     def _keep_registered(self) -> None:
-        """Registers the server's ports again if the name server has restarted; runs until the server closes.
-
-        Ports that are not registered still exchange data, since data between ports does not need the name
-        server.
-        """
+        """Registers the server's ports again if the name server has restarted, until the server closes."""
         while not self._closed.wait(REGISTER_AGAIN):
             with contextlib.suppress(YarpError):
                 known = {contact.name for contact in self.network.list()}

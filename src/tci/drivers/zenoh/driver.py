@@ -165,8 +165,8 @@ def _alive(session: zenoh.Session) -> list[str]:
 
 
 def _look(session: zenoh.Session, robot: Robot, name: str) -> Iterator[Finding]:
-    """Yields findings on two questions: if a robot `name` is served, and if the process that serves the robot
-    uses the same description as this process."""
+    """Yields findings on two questions: if a robot `name` is served, and if the process that serves it has
+    the description `robot`."""
     names = _alive(session)
     if name not in names:
         said = f"{name} is not served; robots served there: {', '.join(names) or 'none'}"
@@ -190,7 +190,7 @@ def _look(session: zenoh.Session, robot: Robot, name: str) -> Iterator[Finding]:
 
 
 def _received(subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]) -> Iterator[bytes]:
-    """Yields the payloads of the messages that have arrived, at most PER_POLL, the oldest first."""
+    """Yields the payloads of the messages that have arrived, the oldest first, at most a fixed number."""
     for _ in range(PER_POLL):
         sample = subscriber.try_recv()
         if sample is None:

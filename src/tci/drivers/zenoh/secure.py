@@ -95,8 +95,8 @@ def write_files(
 
 
 def _common(folder: Path, name: str, password: str) -> dict[str, Any]:
-    """Returns the settings that every configuration file contains: the identity `name` and the trusted
-    certificate authority. The settings also switch off announcements on the network.
+    """Returns the settings that every configuration file contains: encryption with the certificates in
+    `folder`, the identity `name` with its `password`, and no announcements on the network.
     """
     at = folder.absolute()
     certificate, key = str(at / f"{name}.pem"), str(at / f"{name}-key.pem")
@@ -123,7 +123,8 @@ def _common(folder: Path, name: str, password: str) -> dict[str, Any]:
 def _access(
     robots: Sequence[str], commanders: Mapping[str, Sequence[str]], watchers: Mapping[str, Sequence[str]]
 ) -> dict[str, Any]:
-    """Returns the router's access rules. Each rule allows some accesses, and the router denies all others."""
+    """Returns the router's access rules: each commander may command the robots in its list, and each watcher
+    may only read them. The router denies all other access."""
     rules: list[dict[str, Any]] = []
 
     def rule(name: str, flow: str, messages: Sequence[str], keys: Sequence[str]) -> None:
@@ -181,7 +182,7 @@ def _authority(folder: Path) -> None:
 
 
 def _certificate(folder: Path, name: str, host: str) -> None:
-    """Creates a private key and a certificate for `name`, valid for the host `host`."""
+    """Creates a private key and a certificate for `name` in `folder`, valid for the host `host`."""
     kind = "IP" if re.fullmatch(r"[0-9.]+|[0-9a-fA-F:]*:[0-9a-fA-F:]*", host) else "DNS"
     request = folder / f"{name}.csr"
     extensions = folder / f"{name}.ext"

@@ -15,6 +15,11 @@ from yarpwire.connection_limit import PATIENCE
 ENDPOINT = "tcp/127.0.0.1:7447"
 """Default endpoint at which a robot is served. Only programs on this machine reach this endpoint."""
 VALID = "valid: [NAME@]PROTOCOL/HOST:PORT, as in tcp/10.0.0.5:7447, or [NAME@]FILE.json5"
+ADVICE = {
+    "in use": "valid: a port that no other program uses",
+    "Unable to connect": "valid: an address at which tci serve or a router of Zenoh listens",
+}
+"""Advice for errors of Zenoh that contain these words. Other errors are caused by the form of the address."""
 PENDING = 10_000
 """Number of unauthenticated connections above which Zenoh refuses further connections. The number is larger
 than `ConnectionMonitor` allows, so that the rules of `ConnectionMonitor` apply."""
@@ -50,8 +55,7 @@ def open_session(address: RemoteAddress, does: Literal["listen", "connect"]) -> 
             config = zenoh.Config.from_json5(json.dumps(_settings(address.where, does)))
         return zenoh.open(config)
     except zenoh.ZError as error:
-        taken = "in use" in str(error)
-        valid = "valid: a port that no other program uses" if taken else VALID
+        valid = next((advice for words, advice in ADVICE.items() if words in str(error)), VALID)
         raise DriverError(f"{address}: {_brief(error)}; {valid}") from error
 
 

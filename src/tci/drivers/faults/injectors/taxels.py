@@ -13,7 +13,7 @@ from tci.messages import SkinFrame
 
 
 class _Taxels(Injector):
-    """Base class of faults that change raw values of the first patch."""
+    """Base class of faults that change raw values of the robot's first patch."""
 
     def frame(self, frame: SkinFrame) -> SkinFrame:
         if frame.patch != self.driver.robot.patches[0].name:
@@ -26,8 +26,8 @@ class _Taxels(Injector):
         return replace(frame, values=self.change(values, float(pressed), float(sensor.rest)))
 
     def change(self, values: Array, pressed: float, rest: float) -> NDArray[np.generic]:
-        """Returns the faulty values (channels,) that replace `values` (channels,). `pressed` is the value at
-        the hardest touch, and `rest` is the value without touch.
+        """Returns the faulty raw values (channels,) that replace `values` (channels,). `pressed` is the raw
+        value at the hardest touch, `rest` the raw value without touch.
         """
         raise NotImplementedError
 

@@ -143,7 +143,9 @@ def run_capability(
         with view.shown():
             session.run(duration)
     if filmed is not None:
-        filmed.save()
+        pictures = filmed.save()
+        if not as_json:
+            console.print(f"film {film}: {pictures} pictures", highlight=False, markup=False)
     if as_json:
         print_json(session.to_json())
     else:
@@ -173,7 +175,7 @@ def _film(driver: Driver, path: Path, *, quiet: bool) -> Film:
         raise CommandError("--film needs a simulated robot; valid: --via sim")
     if not quiet:
         console.print(
-            f"the film has {round(1.0 / EVERY)} pictures per second of the run; each takes about a second",
+            f"the film has {round(1.0 / EVERY)} pictures per second of the run; each takes one to three seconds",
             style="dim",
         )
     return Film(driver.world, path, fields=default_fields(), part="left_arm")

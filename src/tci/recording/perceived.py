@@ -8,7 +8,7 @@ from typing import Any
 
 from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
-from tci.errors import FrameError, RecordingError
+from tci.errors import FrameError, RecordingError, UnknownNameError
 from tci.messages import Perception, Reading, SkinState
 from tci.recording.recording import Recording
 from tci.robot.catalogue import load_robot
@@ -51,7 +51,15 @@ def recorded_robot(recording: Recording, robot: str | None = None) -> Robot | No
         return None
     if robot is None and not name.replace("_", "").replace("-", "").isalnum():
         raise RecordingError(f"{recording.path} names the robot {name[:40]!r}; give its description as ROBOT")
-    found = load_robot(robot or name)
+    try:
+        found = load_robot(robot or name)
+    except UnknownNameError:
+        if robot is not None:
+            raise
+        raise RecordingError(
+            f"{recording.path} was recorded from {name!r}, which is no robot of TCI; give the path of its "
+            "description (.xml) after the recording"
+        ) from None
     digest = recording.about.get("description_sha256", "")
     if found.digest != digest:
         raise RecordingError(

@@ -24,6 +24,7 @@ from tci.messages import JointReading, SkinFrame
 from tci.robot.catalogue import load_robot, robot_names
 from tci.robot.generic_arm import Side, forearm_rotation, side_sign, upper_arm_rotation
 from tci.robot.joint_map import initial_position
+from tci.skin.layout import SkinLayout
 from tci.skin.skin import Skin
 from tci.skin.surfaces import find_neighbours
 
@@ -404,3 +405,16 @@ def test_forearm_skin_rides_as_facts_say(packaged: FeltSkin, share: float) -> No
         expected = -gain if robot.name == "icub" else 0.0
         np.testing.assert_allclose(turned(turn - expected), 0.0, atol=1e-6, err_msg=patch.name)
         high.position[axial.servo] = 0.0
+
+
+def test_a_response_curve_continues_beyond_its_last_point_in_every_place() -> None:
+    robot = load_robot("nao")
+    patch = robot.patch("left_forearm")
+    sensor = patch.sensor.model_copy(update={"response": ((0.0, 0.0), (50.0, 1e3), (100.0, 5e3))})
+    curved = patch.model_copy(update={"sensor": sensor})
+    others = tuple(curved if one.name == patch.name else one for one in robot.patches)
+    layout = SkinLayout.of_robot(robot.model_copy(update={"patches": others, "digest": "curved"}))
+    one = next(one for one in layout.patches if one.description.name == patch.name)
+    counts = np.array([0.0, 25.0, 100.0, 150.0])
+    np.testing.assert_allclose(one.response(counts) * one.gain[0], [0.0, 5e2, 5e3, 9e3])
+    np.testing.assert_allclose(sensor.pressure(counts), [0.0, 5e2, 5e3, 9e3])

@@ -175,7 +175,7 @@ def _film(driver: Driver, path: Path, *, quiet: bool) -> Film:
         raise CommandError("--film needs a simulated robot; valid: --via sim")
     if not quiet:
         console.print(
-            f"the film has {round(1.0 / EVERY)} pictures per second of the run; each takes one to three seconds",
+            f"the film has {round(1.0 / EVERY)} pictures per second of the run, each in 1 to 3 s of drawing",
             style="dim",
         )
     return Film(driver.world, path, fields=default_fields(), part="left_arm")

@@ -17,6 +17,7 @@ from tci.errors import TciError
 from tci.frames import Array, frozen, read_only
 from tci.messages import Site
 from tci.robot.description import GenericPart, Patch, Robot, Segment, Sensor
+from tci.robot.description.sensor import along
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.json_file import read_json
 from tci.robot.kernels.limb import limb_numbers
@@ -93,9 +94,9 @@ class SkinPatch:
         """Converts deviations (n,) [counts] along the taxels' normals by the response curve of the sensor.
         The result (n,), multiplied by `gain`, is the pressure [Pa].
 
-        Deviations beyond the last point of the curve give the result of the last point.
+        The curve continues linearly beyond its last point.
         """
-        return np.interp(counts, *self.nodes) if self.nodes.size else counts
+        return along(counts, *self.nodes) if self.nodes.size else counts
 
 
 @dataclass(frozen=True, slots=True, eq=False)

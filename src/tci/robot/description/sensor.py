@@ -48,21 +48,21 @@ class Sensor(Description):
         """Returns the pressure [Pa] for `counts`, which are deviations from rest: positive under pressure."""
         if not self.response:
             return counts * abs(self.pascal_per_count)
-        return _along(counts, *np.array(self.response).T)
+        return along(counts, *np.array(self.response).T)
 
     def counts(self, pressure: Array) -> Array:
         """Returns the deviations from rest [counts] for pressures [Pa]. This is the inverse of `pressure`."""
         if not self.response:
             return pressure / abs(self.pascal_per_count)
         counts, pascal = np.array(self.response).T
-        return _along(pressure, pascal, counts)
+        return along(pressure, pascal, counts)
 
 
 THROUGH_JOINTS = Sensor(rest=0.0, pascal_per_count=1.0, lowest=0.0, highest=1.0, joints=True)
 """Sensor of a surface without taxels. Such a surface sends no frames: joint torques show its touches."""
 
 
-def _along(values: Array, nodes: Array, results: Array) -> Array:
+def along(values: Array, nodes: Array, results: Array) -> Array:
     """Interpolates linearly between `nodes` (m,) and extrapolates beyond the last node. For values below 0
     the result is 0."""
     values = np.maximum(values, 0.0)

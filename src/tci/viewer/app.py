@@ -62,6 +62,7 @@ class Viewer:
         the name. Recordings are not included."""
         names = " and ".join(dict.fromkeys(_title(source) for source in sources))
         self.server, self.guard, self.address = open_server(host, port, label="TCI", title=f"{names} - TCI")
+        self._was_opened = False
         self.pictures = 0
         """Number of pictures shown."""
         self._stop = threading.Event()
@@ -97,9 +98,11 @@ class Viewer:
         """Draws one picture of the robots. If `words` is true, also updates plots, sliders and texts."""
         self.pictures += 1
         now = time.monotonic()
-        if self.playback is not None:
+        watched = bool(self.server.get_clients())
+        self._was_opened |= watched
+        if self.playback is not None and self._was_opened:  # else the beginning would be missed
             self.playback.advance(now)
-        if not self.server.get_clients():
+        if not watched:
             return  # a page that opens later shows the last drawing, and then the next picture
         self._framing.update()
         for key, source in self.sources.items():

@@ -185,8 +185,8 @@ def record(kind: type, *fields: Any) -> Any:
 
 
 def entry(loop: Any, signature: int = 0) -> Callable[..., Any]:
-    """Returns the machine code of a compiled loop for one of its signatures, for arguments of exactly these
-    types.
+    """Returns the machine code of a compiled loop for its signature number `signature`: it accepts only
+    arguments of exactly these types.
 
     A call of this machine code skips Numba's type check of each array within the arguments. For 30 arrays the
     check takes 6 us, longer than most loops. The caller must ensure types and numbers of dimensions: with an

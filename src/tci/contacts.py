@@ -116,7 +116,8 @@ class Contacts(Frozen, Sequence["Contact"]):
     taxel_force: Array
     """Force (k,) [N] on each of the k taxels of all contacts."""
     taxel_point: Array
-    """Position (k, 3) [limb lengths] of each taxel on the generic limb; NaN if the patch is not on a limb."""
+    """Position (k, 3) [limb lengths], on the generic limb, of each of the k taxels of all contacts; NaN if
+    the patch is not on a limb."""
     certainty: Array | None = None
     """Probability (c,) that the true place of a contact is less than 5 cm from the estimated place. The value
     is 1 for contacts that skin measured, and lower for touches that were estimated from joint torques. None

@@ -100,7 +100,8 @@ def clashes() -> tuple[Clash, ...]:
 
 
 def clash(module: str) -> Clash | None:
-    """Returns a clash if distributions of different releases contain `module`, otherwise None."""
+    """Returns the clash of installed distributions that contain `module` and have different versions; None if
+    there is no clash."""
     releases = {name: distribution(name).version for name in sorted(packages_distributions().get(module, ()))}
     if len(set(releases.values())) < 2:
         return None

@@ -295,8 +295,8 @@ class PlatformSwitch:
 @quick
 @dataclass(frozen=True, slots=True, eq=False)
 class PlatformCommand:
-    """A command in the robot's own joint space. The command contains only servos that the joint map of a
-    generic part uses."""
+    """A command to servos, in the robot's own joint angles. If it was converted from generic joints, it
+    contains only servos that move these joints."""
 
     mode: Mode
     """Quantity and unit of `values`."""
@@ -305,8 +305,8 @@ class PlatformCommand:
     values: Array
     """One value per servo (k,), in the unit of the mode."""
     speed: Array
-    """Speed limit (k,) [rad/s] of each servo's generic joint, from the description. The gate also applies the
-    speed limit of the servo itself."""
+    """Upper bound (k,) [rad/s] of each servo's speed. The gate also applies the speed limit of the servo
+    itself."""
 
     def __post_init__(self) -> None:
         _take_mode(self)
@@ -318,4 +318,4 @@ PlatformOrder = PlatformCommand | PlatformSwitch
 """Types of order that the gate checks: commands in the robot's own joints, and requests to switch their
 control mode."""
 Order = Command | PlatformOrder
-"""Types of command from a capability or, through a server, from another program."""
+"""Types of order that a capability, or another program through a server, may give."""

@@ -83,8 +83,8 @@ class Code(IntEnum):
     LIMITS_UNKNOWN = 505
     """The description lacks limits that are required to move a servo."""
     LIMITS_EXCEEDED = 506
-    """The measured angle of a servo is so far outside its limits, or so far from its equilibrium, that the
-    servo can't be commanded."""
+    """A measured or commanded angle is too far outside its limits; or a compliant servo has yielded so far
+    that its stiffness can't be raised."""
     IN_MOTION = 507
     """The command requires that the servo is at rest."""
     SELF_COLLISION = 508

@@ -40,7 +40,8 @@ def perception(
     """Returns the perception of a robot that is touched on the patch `touch`; with None, the robot is not
     touched.
 
-    See `TouchedRobot` for the other arguments, and for several perceptions of one touch.
+    A `force` [N] presses on `taxel`, or on the middle of the patch; `posture` contains generic angles [rad]
+    by part, instead of the initial posture. For several perceptions of one touch use `TouchedRobot`.
     """
     return TouchedRobot(robot, posture=posture).perceive(touch, taxel=taxel, force=force)
 
@@ -115,8 +116,8 @@ class TouchedRobot:
 
 
 def _around(patch: Patch, surface: Surface, taxel: int | None) -> tuple[NDArray[np.intp], Array]:
-    """Returns the indices (k,) of a taxel and its neighbours, and the pressures (k,) on them if a round
-    object presses on the taxel. The largest pressure is 1."""
+    """Returns the indices (k,) of `taxel` (None: the taxel nearest to the middle) and its neighbours, and the
+    pressures (k,) that a round object at this taxel exerts on them. The largest pressure is 1."""
     count = len(surface.positions)
     if taxel is None:
         middle = surface.positions.mean(axis=0)

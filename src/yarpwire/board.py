@@ -236,7 +236,8 @@ class BoardV3(Board):
         return [Vocab(stream.value[1]), len(joints), list(joints)]
 
     def _get(self, *words: Any) -> list[Any]:
-        """Makes a call of `[get]`. Returns the data in the answer, without vocabularies and time."""
+        """Asks the control board for a value, by the call `[get]` with the arguments `words`. Returns the
+        data in the answer, without vocabularies and time."""
         answer = self.call(_words("get", *words))
         if answer[0] != Vocab("is") or len(answer) < 6 or answer[-4] != Vocab("tsta"):
             raise PortError(

@@ -164,7 +164,8 @@ def _value(source: Source, tag: int, dialect: Dialect, deepest: int) -> Value:
 
 
 def _body(items: Sequence[Any] | NDArray[Any], dialect: Dialect) -> tuple[int, bytes]:
-    """Returns the common tag of all items (0 if there is none), and the bytes of their count and values."""
+    """Returns the tag (the number of a type) that all items have in common, or 0 if their tags differ, and
+    the number of items and their values as bytes."""
     if isinstance(items, np.ndarray):
         if items.dtype == DOUBLE and items.ndim == 1 and items.size:
             return dialect.float64, WORD.pack(len(items)) + items.tobytes()

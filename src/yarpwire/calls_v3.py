@@ -91,8 +91,8 @@ def _set(board: BoardService, word: str, rest: Words) -> None:
 
 
 def _targets(kind: str, rest: Words) -> tuple[Sequence[int] | None, Sequence[float]]:
-    """Returns the joints and values in a call. `kind` is `s` for all joints, `g` for some joints, and empty
-    for one joint."""
+    """Returns the joints (None: all joints) and the values in a call. `kind` is `s` for all joints, `g` for
+    some joints, and empty for one joint. `rest` are the arguments of the call."""
     if kind == "s":
         return None, rest[0]
     return (rest[1], rest[2]) if kind == "g" else ([rest[0]], [rest[1]])

@@ -49,8 +49,8 @@ def answer_v4(board: BoardService, items: Sequence[Any]) -> list[Any] | bytes:
 
 
 def _axis(values: Callable[[BoardService], Array | None]) -> tuple[Answers, Answers, Answers]:
-    """Returns three functions. These functions answer with the value of one joint, of some joints, and of all
-    joints."""
+    """Returns three functions that answer calls: with the value of one joint, of some joints, and of all
+    joints. `values` returns the values of all joints of a board."""
 
     def one(board: BoardService, joint: int) -> list[Any]:
         return [float(_known(values(board))[board.joints([joint])[0]])]

@@ -76,7 +76,7 @@ class Feed(Generic[Value]):
         """
         self.source = source
         self.recent: tuple[Sample[Value], ...] = ()
-        """The latest messages, at most `KEPT` of them, oldest first."""
+        """The latest messages, at most four (`KEPT`), oldest first."""
         self.clock = clock
         """Conversion from the sender's clock to this machine's clock; None if no `clock` was given."""
         self.lost = 0
@@ -167,7 +167,8 @@ class Feed(Generic[Value]):
         self._fresh.set()
 
     def _measured(self, stamp: float, arrived: float) -> float:
-        """Returns the time of measurement [s] of a new message, on this machine's clock."""
+        """Returns the time of measurement [s] of a new message, on this machine's clock. `stamp` [s] is the
+        time by the sender's clock, and `arrived` [s] the time of arrival."""
         if self.clock is None:
             return arrived
         placed = self.clock.place(stamp, arrived)

@@ -205,8 +205,8 @@ class Incoming:
                 self._handle(command, body)
 
     def _wait(self) -> None:
-        """Waits for the next message without a time limit. The rest of a message must arrive before the
-        timeout."""
+        """Waits for the beginning of the next message, without a time limit. The rest of the message must
+        then arrive before the timeout."""
         if self.count % BURST == 0:
             self._wait_slice()
         while True:
@@ -216,7 +216,7 @@ class Incoming:
                 continue
 
     def _wait_slice(self) -> None:
-        """Waits, if needed, so that at most BURST messages are read in the time SLICE."""
+        """Waits, if needed, so that at most 200 messages are read in 10 ms (`BURST`, `SLICE`)."""
         now = time.monotonic()
         if now - self._slice < SLICE:
             time.sleep(self._slice + SLICE - now)

@@ -40,7 +40,7 @@ class Listener:
             ) from error
         bound = self._socket.getsockname()
         self.address: tuple[str, int] = (str(bound[0]), int(bound[1]))
-        """Host and port of this end."""
+        """Host and port at which the listener accepts connections."""
         self._closed = False
         self._start(self._accept, name=f"yarp accept {name}")
 

@@ -137,12 +137,14 @@ def _lengths(source: Source) -> tuple[int, ...]:
 
 @cache
 def _words(count: int) -> struct.Struct:
-    """Returns the format of `count` integers. The cache stays small, since `count` is at most 510."""
+    """Returns the binary format of `count` integers of 32 bits. The formats are cached; there are few, since
+    `count` is at most 510."""
     return struct.Struct(f"<{count}i")
 
 
 def pack_command(kind: str, rest: str = "") -> bytes:
-    """Returns a command in the short form, or with `rest` in the long form. QUIT always has the long form."""
+    """Returns a command as bytes: in the short form (only the letter `kind`), or with `rest` in the long form
+    (a text). QUIT always has the long form."""
     if not rest and kind != QUIT:
         return b"\0\0\0\0~" + kind.encode() + b"\0\1"
     text = f"{kind} {rest}".rstrip().encode() + b"\0"

@@ -37,8 +37,8 @@ class NamedPort(Protocol):
         refuses."""
 
     def register(self) -> None:
-        """Registers the port. Call this again after the name server has restarted. Raises PortError if that
-        fails."""
+        """Registers the port. Call this again after the name server has restarted. Raises PortError if the
+        registration fails."""
 
     def close(self) -> None:
         """Unregisters the port and closes every connection."""

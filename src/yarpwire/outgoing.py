@@ -203,7 +203,7 @@ class Outgoing:
         return self._unanswered < MOST_UNANSWERED
 
     def _to_datagrams(self, port: int) -> None:
-        """Switches from the TCP connection to datagrams, which go to the UDP port that the reader named."""
+        """Replaces the TCP connection by datagrams (UDP) to the `port` that the reader has named."""
         peer = self._socket.getpeername()
         self._socket.close()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

@@ -190,7 +190,8 @@ class Port:
         incoming.close()
 
     def _add(self, name: str, incoming: Incoming) -> None:
-        """Adds a connection. A second connection of one sender ends the first connection, as in YARP."""
+        """Registers the connection of the sender `name`. A second connection of one sender ends the first
+        connection, as in YARP."""
         if not name.startswith("/"):
             return
         with self._lock:
@@ -222,7 +223,7 @@ class Port:
         return None
 
     def _order(self, items: list[Any]) -> Answer:
-        """Executes orders to the port itself, such as those of `yarp connect`."""
+        """Executes an order to the port itself, such as that of `yarp connect`, and returns the answer."""
         verb = items[0] if items else Vocab(0)
         target = str(items[-1]) if len(items) > 1 else ""
         if verb == Vocab("ver"):

@@ -85,7 +85,8 @@ class Rpc:
 
     @contextmanager
     def _port_errors(self, items: Sequence[Any]) -> Iterator[None]:
-        """Turns errors inside the context into a PortError, and closes the connection after an error."""
+        """Turns errors inside the context into a PortError that names the call `items`, and closes the
+        connection after an error."""
         try:
             yield
         except (OSError, EOFError, WireError) as error:

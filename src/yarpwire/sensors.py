@@ -1,8 +1,8 @@
 """Messages of `MultipleAnalogSensors`, YARP 4's devices with several sensors, for example skin patches.
 
 The port `/PREFIX/measures:o` streams one list for each kind of sensor. This list has an item `((values)
-time)` for each sensor of the kind. The port `/PREFIX/rpc:o` answers `getMetadata` with `(name frame more)`
-for each sensor, in the order of the measures.
+time)` for each sensor of the kind. The port `/PREFIX/rpc:o` answers `getMetadata` with the metadata of each
+sensor, in the order of these items: `(name frame more)`, where `more` is any further text.
 """
 
 from __future__ import annotations

@@ -102,7 +102,8 @@ class SocketSource:
             self._need(1)
 
     def _need(self, count: int) -> None:
-        """Receives until `count` bytes are available. Memory is allocated for received bytes only."""
+        """Receives from the socket until at least `count` bytes are in the buffer. Memory is allocated for
+        received bytes only."""
         held = len(self._buffer) - self._at
         if held >= count:
             return

@@ -58,7 +58,7 @@ class ForceFit:
     held_out_one_gain: float
     """Error [N], computed in the same way as `held_out`, for a fit with one gain for all taxels."""
     held_out_raw_sum: float
-    """Error [N] of a simpler model, computed in the same way as `held_out`: the load is one gain times the
+    """Error [N], computed in the same way as `held_out`, of a simpler model: the load is one gain times the
     sum of all raw values, plus an offset."""
 
 
@@ -67,7 +67,8 @@ def calibrate_to_force(
     when: str = "unknown",
 ) -> tuple[PatchCalibration, ForceFit]:  # fmt: skip
     """Returns the calibration of a patch (rest values, noise and gains), and the fit of the gains. The
-    arguments are those of `fit_recording`. Raises TciError if all gains are zero."""
+    arguments are the taxels' `areas` (n,) [m2] and raw `values` (m, n) at `stamps` (m,) [s], and the measured
+    `forces` (k, components) [N] at `times` (k,) [s]. Raises TciError if all gains are zero."""
     found, rest, noise = fit_recording(sensor, areas, stamps, values, times, forces)
     if not found.gains.any():
         raise TciError(

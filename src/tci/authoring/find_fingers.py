@@ -32,14 +32,14 @@ CLEAR = np.deg2rad(25.0)
 than this value, the finger bends in the direction with the larger range. Otherwise the bending direction is
 in doubt."""
 APART = 0.1
-"""The thumb is the finger without which the other fingers' bending axes are most parallel. Without it, the
-least cosine between two of these axes must be larger than without any other finger, by more than this number.
+"""For each finger, the least cosine between the bending axes of two other fingers is computed. The finger
+with the largest result is the thumb, if the second largest result is smaller by more than this number.
 Otherwise the thumb can only be found by its name. Assumed: fingers that fan out change the cosine by less
 than this."""
 BESIDE = 0.3
-"""Least distance between a thumb and the middle of the palm, if the thumb is on one side of the palm. The
-distance is a fraction of half the palm's width. At a smaller distance the thumb counts as attached in the
-middle. Assumed: the thumb of a Dex3 hand is in the middle of the palm."""
+"""Least distance from the middle of the palm at which a thumb counts as attached on one side of the palm, as
+a fraction of half the palm's width. At a smaller distance the thumb counts as attached in the middle.
+Assumed: the thumb of a Dex3 hand is in the middle of the palm."""
 FLEXED = np.deg2rad(30.0)
 """Angle [rad] by which each bending joint is bent to test which joint spreads the finger. With a straight
 finger this test can fail, because a joint may rotate the finger about the finger's own axis."""
@@ -47,8 +47,9 @@ SIDEWAYS = 0.3
 """Least cosine between the motion of the finger's tip and the direction of spread. Assumed: a joint with a
 smaller cosine does not spread the finger."""
 ROUNDED = float(np.deg2rad(15.0))
-"""Step [rad] to which the thumb's opposition at the model's zero is rounded. Assumed: an angle derived from
-the geometry of links is not more accurate than this step."""
+"""Resolution [rad] of the thumb's opposition while all joints of the model are at zero: the angle is rounded
+to a multiple of this value. Assumed: an angle derived from the geometry of links is not more accurate than
+this."""
 _NAMES = {
     "thumb": re.compile(r"(?i)thumb|(?<![a-z])th(?=j|\d|_|-|$)"),
     "index": re.compile(r"(?i)index|forefinger|(?<![a-z])ff(?=j|\d|_|-|$)"),

@@ -1,6 +1,7 @@
 """Finds a humanoid's arms, legs, trunk and head in its kinematic model.
 
-Geometry decides first; joint names are used as well.
+Limbs are found by the axes and places of their joints. Joint names also help to tell left from right, and
+arms from legs.
 """
 
 from __future__ import annotations

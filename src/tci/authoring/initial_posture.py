@@ -29,8 +29,8 @@ the arm points forward, would get a twisted posture.
 
 
 def with_initial(draft: Robot, part: GenericPart) -> GenericPart:
-    """Returns the arm with an initial posture: the first candidate in POSTURES in which each servo is at
-    least ROOM [rad] from its limits.
+    """Returns the arm with an initial posture: the first candidate in which each servo is at least 0.1 rad
+    from its limits.
 
     If there is none, uses the posture with the largest distance from limits. If this posture is beyond a
     limit, uses the nearest posture inside the limits.

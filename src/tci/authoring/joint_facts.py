@@ -22,8 +22,8 @@ SPEED = float(np.deg2rad(120.0))
 FASTEST = 50.0
 """A speed limit [rad/s] in the file that is at least this value counts as a placeholder."""
 ACCELERATION = np.deg2rad((400.0, 2400.0))
-"""Range [rad/s2] of proposed acceleration limits. Within this range, the proposed limit is an acceleration
-that the joint reaches with a quarter of its torque, when it moves its largest inertia."""
+"""Range [rad/s2] of proposed acceleration limits. Within this range, the proposed limit is the acceleration
+that a quarter of the joint's torque limit gives to the largest inertia that the joint carries."""
 MOST_TORQUE = 0.35
 """Largest fraction of a joint's torque that the proposed acceleration limit may need. More than a quarter of
 the torque is used only if a quarter gives less than 400 degrees/s2."""

@@ -14,9 +14,8 @@ from tci.robot.description import Robot
 from tci.robot.kinematics import bare_model
 
 STEEPEST = 0.26
-"""Joints that fit no generic leg are reported as a left-out leg if the cosine between their axis of hip pitch
-and the y axis is at least this value. Assumed: the axis of hip pitch is at most 75 degrees from the y
-axis."""
+"""Least cosine between the axis of hip pitch and the y axis at which joints that fit no generic leg are still
+reported as legs. Assumed: the axis of hip pitch is at most 75 degrees from the y axis."""
 
 SLIDES = int(mujoco.mjtJoint.mjJNT_SLIDE)
 

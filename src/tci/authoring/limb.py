@@ -46,12 +46,13 @@ class Limb:
     turn: int | None
     """Joint after `bend` that turns the forearm about its length (pronation); None if there is none."""
     centre: Array
-    """Centre (3,) [m] of the ball joint: the point on the third axis of `ball` that is nearest to the first
-    two axes."""
+    """Centre (3,) [m] of the ball joint: the point on the third axis of `ball` that is nearest to the place
+    where the first two axes meet."""
     middle: Array
     """Elbow or knee (3,) [m]: the point on the third axis of `ball` that is nearest to the axis of `bend`."""
     wrist: Array
-    """End (3,) [m] of the forearm or shank. If there is no joint at that end, the elbow or knee (`middle`).
+    """End (3,) [m] of the forearm or shank. If no joint is at that end, `wrist` is the elbow or knee
+    (`middle`).
     """
 
     @property

@@ -42,8 +42,8 @@ def named_side(name: str) -> str | None:
 
 def is_named_so(joints: Sequence[Joint], pair: Pair) -> bool:
     """Returns False if the name of a limb's first joint contains the opposite side, for example `right` for
-    the left limb. Exception: returns True if the names of both limbs contain equal sides, such as `_r0` and
-    `_r1`, because such letters do not tell the limbs apart."""
+    the left limb. Exception: returns True if both limbs are named as right, such as `_r0` and `_r1`, or both
+    as left, because such letters do not tell the limbs apart."""
     named = {side: named_side(joints[limb.ball[0]].name) for side, limb in pair.items()}
     return len(set(named.values())) == 1 or all(told in (None, side) for side, told in named.items())
 

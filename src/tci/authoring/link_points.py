@@ -64,8 +64,9 @@ class LinkPoints:
         The segment begins at `start` (3,) [m] on `link`. The end of the segment is the mean of its farthest
         surface points: the 10 % of its points that are farthest from `start`. If the model is read without
         meshes, the end is at twice the distance of the centre of mass from `start`. Exception: if another
-        link, such as a hand, is fixed to `link`, and its origin lies in the outer half of the way from
-        `start` to this end, the end is this origin. Returns None if the model contains none of these points.
+        link, such as a hand, is fixed to `link`, and the distance of its origin from `start` is 0.5 to 1
+        times that of this end, the end is this origin. Returns None if the model contains none of these
+        points.
         """
         body = self._model.body(link).id
         points = self.of([link])
@@ -184,8 +185,8 @@ def cone_around(points: Array, origin: Array, axis: Array, begin: float, end: fl
     """Fits a truncated cone around `points` (n, 3) [m] from `begin` to `end` [m] along a limb's axis.
 
     The axis starts at `origin` (3,) and points distally along the unit vector `axis` (3,). The cone is
-    parallel to this axis, but may lie beside it. The cone encloses about nine tenths of the outermost points.
-    Returns None if the limb has too few points.
+    parallel to this axis, but may lie beside it. The cone is fitted to the points on the outside of the limb,
+    and encloses about nine tenths of these points. Returns None if the limb has too few points.
     """
     along = (points - origin) @ axis
     near = points[(along >= begin) & (along <= end)]

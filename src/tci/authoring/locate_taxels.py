@@ -50,7 +50,8 @@ class ProbeTouch:
     point: Array
     """Position (3,) [m] of the probe's contact, in the patch's link."""
     normal: Array
-    """Outward unit normal (3,) at `point`, in the link: opposite to the probe's force."""
+    """Outward unit normal (3,) of the skin at `point`, in the frame of the patch's link: opposite to the
+    probe's force."""
     answers: Array
     """Pressure (n,) on each taxel, in any unit; 0 without response."""
 

@@ -72,8 +72,8 @@ class Mount:
     depth: float
     """Mean depth [m] to which the skins were pressed into each other."""
     before: float
-    """Root mean square distance [m] between the places at which the skin and the skin that touches it report
-    the touches, without correction."""
+    """Root mean square distance [m] between the two places that the two skins report for each touch, without
+    correction."""
     touches: int
     """Number of touches that were used."""
     left_out: int

@@ -24,15 +24,15 @@ Sign = Literal[1, -1]
 """Direction in which a joint turns, about its axis in the model."""
 
 LINEAR = 1e-6
-"""A shoulder's transform is linear (eq. 1 of the paper) if its generic angles from eq. 1 are wrong by at most
-this value [rad]."""
+"""A shoulder's transform is linear (eq. 1 of the paper) if the generic angles from eq. 1 differ from the
+exact ones by at most this value [rad]."""
 FARTHER = np.deg2rad(25.0)
 """An elbow bends in the direction with the larger range of flexion, if the ranges of the two directions
 differ by more than this angle [rad]."""
 TWISTED = np.deg2rad(45.0)
-"""Least difference [rad] between the shoulder rotations for the two possible directions of an elbow. The
-rotations lead from the model's zero to a generic posture. If the ranges of flexion do not decide the
-direction, the direction with the smaller rotation is chosen."""
+"""If the ranges of flexion do not decide in which direction an elbow bends, the shoulder rotations from the
+model's zero to a generic posture are compared. The direction with the smaller rotation is chosen, if the two
+rotations differ by more than this angle [rad]."""
 
 
 def elbow_senses(
@@ -41,9 +41,9 @@ def elbow_senses(
     """Returns the direction in which each elbow's joint bends its arm, by side.
 
     The direction of the left elbow is `left`, if given. Without `left`, the left elbow bends in the direction
-    in which this elbow can move farther. If the limits are about symmetric, the left elbow bends in the
-    direction with which the shoulder joints need smaller angles for a generic posture. The right elbow
-    mirrors the left elbow. Raises DescriptionError if none of these rules decides.
+    in which this elbow can move farther. If the limits are about symmetric, that direction is chosen with
+    which the shoulders turn less from the model's zero to the nearest of several usual postures. The right
+    elbow mirrors the left elbow. Raises DescriptionError if none of these rules decides.
     """
     ways: list[dict[str, Sign]] = [_mirrored(body, sense) for sense in (1, -1)]
     if left is not None:

@@ -42,7 +42,7 @@ ROOM = np.deg2rad(3.0)
 
 
 def generic_joint(id: int, name: str, servo: int | None, **more: object) -> GenericServo:
-    """Returns a generic joint with the speed limit GENERIC_SPEED."""
+    """Returns a generic joint with a speed limit of 180 degrees per second."""
     return GenericServo.model_validate(
         {"id": id, "name": name, "servo": servo, "speed": GENERIC_SPEED, **more}
     )

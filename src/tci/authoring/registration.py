@@ -88,7 +88,7 @@ class Registration:
 
     @property
     def fits(self) -> bool:
-        """True if the points are on the link without correction: the mean distance is at most FITS."""
+        """True if the points are on the link without correction: the mean distance is at most 5 mm."""
         return self.mean <= FITS
 
     @property

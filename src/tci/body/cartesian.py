@@ -39,7 +39,8 @@ class Reach:
         """Builds the kinematics of the actuator `point` of a part.
 
         Raises CommandError if the part has no such actuator, or if the model lacks the shoulder to which the
-        targets refer. Raises UnknownNameError for an unknown part, and the errors of KinematicChain.
+        targets refer. Raises UnknownNameError for an unknown part, and DescriptionError if the robot has no
+        kinematic model or does not fit it.
         """
         words = robot.part(part)
         actuators = {actuator.name: actuator for actuator in words.cartesian}

@@ -211,8 +211,9 @@ class GenericBody:
         """Returns displacements (3, k, c) [m] for c contacts at k times while `part` moves to `target` (n,)
         [rad].
 
-        The rows are the normal and the tangential displacement of the contact point, and the depth by which
-        any skin enters the touching object. `Retreat.along` explains the rows and the argument `driven`. The
+        The rows are the displacement of the contact point along the inward normal, the length of its
+        displacement perpendicular to the normal, and the depth by which any skin enters the touching object;
+        see `Retreat.along`. `driven` is True for a capability that commands a velocity in each period. The
         motion respects the robot's limits in `mode`.
         """
         position = _joints(perception).position

@@ -22,17 +22,17 @@ class Place:
     patch: str
     """Name of the patch."""
     p_L: Array
-    """Position (3,) [m] in the patch's link."""
+    """Position (3,) [m] in the frame of the patch's link."""
     n_L: Array
-    """Outward unit normal (3,) of the skin at `p_L`, in the patch's link."""
+    """Outward unit normal (3,) of the skin at `p_L`, in the frame of the patch's link."""
 
 
 def find_place(skin: Skin, part: str, segment: str, u: float, theta: float, joints: JointReading) -> Place:
     """Returns the point of the skin at (u, theta) of a limb segment, in the posture `joints`.
 
     A ray starts on the segment's axis at `u`, in direction `theta` [rad]. The result is the point at which
-    the ray leaves the skin. This is the inverse of `limb_coordinates`. Raises TciError if there is no skin at
-    this place or the part is not an arm, and UnknownNameError for an unknown part or segment.
+    the ray leaves the skin. Raises TciError if there is no skin at this place or the part is not an arm, and
+    UnknownNameError for an unknown part or segment.
     """
     robot = skin.robot
     generic_part = robot.part(part)

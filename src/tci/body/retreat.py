@@ -33,7 +33,7 @@ EARLY = (0.01, 0.02)
 direction in which it does not end, because the joints accelerate differently. Assumed: these times are early
 enough to notice this."""
 SHARES = (0.25, 0.5, 0.75, 1.0)
-"""The path of a motion is also predicted at these fractions of its duration."""
+"""After the times EARLY, the path of a motion is predicted at these fractions of its duration."""
 AHEAD = 0.1
 """In velocity mode, the target of a prediction is the posture that the velocity reaches after this time [s].
 Assumed: the next skin frame comes much sooner."""
@@ -114,8 +114,8 @@ class Retreat:
 
         Row 0 of the result is the displacement of the contact point along the inward normal, negative towards
         the object. Row 1 is the length of its displacement perpendicular to the normal. Row 2 is the largest
-        depth by which skin of any patch enters the object between the previous and this time, in addition to
-        its depth at the start. The object is assumed to be a sphere of the radius OBJECT that touches the
+        depth by which skin of any patch enters the object between the previous and this time; the depth at
+        the start does not count. The object is assumed to be a sphere of the radius OBJECT that touches the
         contact point from outside, and that does not move. The motion starts at `position` (n_servos,) [rad].
         In position and impedance mode, all servos of the part arrive at the same time; in other modes, each
         servo moves as fast as it can. `driven` is True for a capability that commands a velocity in each
@@ -127,9 +127,9 @@ class Retreat:
         return self._displacements(angles, motion, contacts, OBJECT)
 
     def at_ends(self, position: Array, contacts: Contacts, part: str, targets: Array) -> Array:
-        """Returns the displacement (2, m, c) [m] of each of c contact points at the end of each of m motions:
-        along the inward normal (row 0, negative towards the object), and its length perpendicular to the
-        normal (row 1).
+        """Returns displacements (2, m, c) [m] of c contact points at the ends of m motions. Row 0 is the
+        displacement along the inward normal, negative towards the object. Row 1 is the length of the
+        displacement perpendicular to the normal.
 
         The motions go to `targets` (m, n) [rad]. The result equals the displacement that `along` returns for
         the end of a motion, but needs less computing time, because no motion is planned. Raises

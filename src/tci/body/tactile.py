@@ -37,8 +37,8 @@ class PressureImage:
     pixel: float
     """Width and height [m] of the area on the skin that one pixel shows."""
     corner: tuple[float, float]
-    """Coordinates (to the right, up) [m] of the image's lower left corner, with the axes and origin of
-    `places`."""
+    """Coordinates [m] of the image's lower left corner, to the right and up, in the plane in which `places`
+    gives the taxels."""
     places: Array
     """Coordinates (taxels, 2) [m] of the taxels in the plane of the image: to the right, and up.
 

@@ -38,18 +38,18 @@ def field_table(fields: Sequence[ReceptiveField]) -> Array:
 
 
 class SiteNumbers(NamedTuple):
-    """Properties of the sites (p,) of a table of contacts."""
+    """Generic part and segment of each of p patches, for the compiled loop."""
 
     part: tuple[str, ...]
     """Name of the generic part."""
     segment: NDArray[np.int64]
     """0 for the upper arm, 1 for the forearm, -1 if the site is on no segment of an arm."""
     merged: NDArray[np.int64]
-    """Number (p,) of the part, equal for all sites of the part, if touches on this part in one field count as
-    one; -1 if they do not."""
+    """Number (p,) that all sites of a part share, if several touches of this part in one field count as one.
+    The number is -1 for sites of other parts."""
     limbs: tuple[str, ...]
-    """Names of the parts with sites on an upper arm or a forearm. Only on these parts can a field contain a
-    contact."""
+    """Names of the parts that have skin on an upper arm or a forearm. Only on these parts can a field contain
+    a contact."""
 
 
 @lru_cache(maxsize=64)
@@ -153,12 +153,12 @@ def find_answers(
 
     Args: fields: Table (8, m) of the m fields, made by `field_table`. cosine: True to use `psi_cosine`
         instead of `psi`. segments: Index (p,) of the limb segment of each patch (site) in `SEGMENTS`; -1 for
-        none. merged: Number (p,) of the part of each patch, if several contacts in one field count as one on
-        this part; -1 for all other parts. contacts: Arrays of c contacts. beside: Index (c,) of a field that
-        is excluded for each contact; -1 for none. squares: Scratch array (m,). nearest: Output (c,): index of
-        the nearest field; -1 if the contact lies in no field. gains: Output (c,): gain of this field, 0 to 1.
-        Among contacts of one `merged` part with one nearest field, only the strongest gain remains; of equal
-        gains, the first.
+        none. merged: Number (p,) of each patch's part, or -1. On a part with a number, several contacts in
+        one field count as one. contacts: Arrays of c contacts. beside: Index (c,) of a field that is excluded
+        for each contact; -1 for none. squares: Scratch array (m,). nearest: Output (c,): index of the nearest
+        field; -1 if the contact lies in no field. gains: Output (c,): gain of this field, 0 to 1. If contacts
+        count as one, only the largest of their gains is kept (of equal gains, the first); the other gains
+        become 0.
     """
     for c in range(len(contacts.site)):
         point = contacts.limb_point[c]

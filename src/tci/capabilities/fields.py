@@ -87,7 +87,8 @@ class ReceptiveField(Circle):
     medial side."""
     measure: Measure = "total"
     """Force of a contact that is compared with `threshold` and `saturation`. "total": force of the whole
-    contact. "weighted": mean of eq. 7. "peak": force of the strongest taxel."""
+    contact. "weighted": weighted mean of the forces of its taxels (eq. 7). "peak": force of the strongest
+    taxel."""
     threshold: Annotated[float, Field(ge=0.0)]
     """Threshold delta_f [N]: forces up to this value cause no response."""
     saturation: float

@@ -27,8 +27,8 @@ OPPOSES = 2.0
 """Speed of the thumb's opposition as a multiple of the speed of flexions. Assumed: then the thumb lies across
 the palm before the fingers close."""
 LONGEST = 0.1
-"""Upper bound [s] on the time between two perceptions from which the next targets of the fingers are
-computed, so that the hand does not jump after a pause. Assumed: several periods of any skin."""
+"""Longest time [s] by which one step moves the targets of the fingers on. So the hand does not jump after a
+pause. Assumed: several periods of any skin."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

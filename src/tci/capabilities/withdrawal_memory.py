@@ -64,8 +64,8 @@ class Withdrawal(Generic[F]):
     quiet: bool = False
     """True if no field of this part was touched in the latest step."""
     met: frozenset[int] = frozenset()
-    """Identities of the contacts against which the motion was checked: it presses no skin into their touching
-    objects."""
+    """Identities of the contacts for which the motion was checked: it presses no skin into the objects that
+    touch at these contacts."""
     ended: Array | None = None
     """Generic posture (n,) [rad] at which the motion was ended because of an object on the path. The value is
     None if the motion was not ended."""
@@ -94,7 +94,7 @@ class Withdrawal(Generic[F]):
 
 
 class Refusal(NamedTuple):
-    """Reason why a touched part does not move. While the refusal is valid (`stands`), the motion is not
+    """Reason why a touched part does not move. While the method `stands` returns True, the motion is not
     checked again."""
 
     reason: str
@@ -103,8 +103,8 @@ class Refusal(NamedTuple):
     stamp: float
     """Time [s] at which the motion was checked."""
     inputs: tuple[object, ...] | None = None
-    """All values on which the check of the motion depends, see `_inputs`. None if the perception had no
-    joints."""
+    """Values that decided if the motion was permitted: joint angles, contacts, wishes and the withdrawal
+    before. None if the perception had no joints."""
 
     def stands(self, before: Withdrawal[F] | None, wishes: Sequence[Wish[F]], perception: Perception) -> bool:
         """Returns True if the motion need not be checked again. There are two cases. The check is recent, and

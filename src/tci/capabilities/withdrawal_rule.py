@@ -125,7 +125,9 @@ def withdraw(
     refused.
 
     `met` are the identities of all present contacts. `refused` is the last refusal of the part, which stays
-    valid while `Refusal.stands` returns True. For the other arguments see `withdraw_all`.
+    valid while `Refusal.stands` returns True. `before` is the withdrawal before this instant, and `wishes`
+    are the responses that the contacts request. The withdrawal ends when there has been no wish for
+    `refractory` [s].
     """
     now = perception.stamp
     # Responses in successive steps count as one touch, even if the time between the steps is long.

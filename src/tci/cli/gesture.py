@@ -181,8 +181,8 @@ def _writable(path: Path) -> None:
 
 
 def load(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
-    """Reads a gesture (.csv) or a file of motion capture (.bvh). Returns the gesture and, for each generic
-    part, the names of the joints in the file.
+    """Reads a gesture (.csv) or a file of motion capture (.bvh). Returns the gesture, and the names of the
+    joints of each of its parts.
 
     Raises CommandError if the file has another ending, and DescriptionError if the file can't be read.
     """

@@ -57,7 +57,8 @@ class RunView:
 
 def conclude(session: Session, *, filmed: bool) -> None:
     """Prints the summary of a run: repeated refusals and clamps, the outcome of each injected fault, and the
-    statistics. `filmed` is True if the computing time contains the pictures of a film."""
+    statistics. `filmed` is True if a film was made; the computing time then includes the time for its
+    pictures."""
     for kind, reasons in (("refused", session.log.refused), ("clamped", session.log.clamped)):
         for notice in reasons.notices():
             if notice.count > 1:

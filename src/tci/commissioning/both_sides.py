@@ -18,9 +18,9 @@ ROUNDED = 0.06
 """An angle counts as written in radians by mistake if its value in degrees differs by less than this number
 from the other side's angle in radians. Assumed: numbers may be rounded to one decimal."""
 NEARLY = 0.1
-"""Stricter limit in place of `ROUNDED`, for small angles that differ by at most 5 degrees (`UNEVEN`) between
-the two sides. The smaller number in the file counts as radians if it differs from the other side's angle
-[rad] by at most this fraction of itself. Assumed: more than the error of rounding to two digits."""
+"""Replaces `ROUNDED` if the two sides differ by at most 5 degrees (`UNEVEN`). The smaller of the two numbers
+in the file counts as radians if it is about equal to the larger angle in radians. Their difference must be at
+most this fraction of the smaller number. Assumed: more than the error of rounding to two digits."""
 TINY = 0.5 * np.pi
 """Number of degrees below which an angle counts as written in radians, if the part has no other side.
 Assumed: nobody turns a head or a torso by less than 1.6 degrees, or by more than 90 degrees (1.6 rad)."""

@@ -133,8 +133,8 @@ class Driver(ABC):
         """Acquires the lease on the robot at the start of the `with` block and releases it at the end.
 
         A lease that an earlier `write` acquired is kept. `write` checks the lease at each call. On a system
-        without file locks, simulations and recordings need no lease. Raises DriverError in the cases that
-        `Lease.__init__` lists.
+        without file locks, simulations and recordings need no lease. Raises DriverError if another process
+        commands the robot, or if the lease's file can't be locked.
         """
         if self.info.harmless and not has_locks():
             yield

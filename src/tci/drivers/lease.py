@@ -76,8 +76,9 @@ class Lease:
 
     def check_inside(self) -> None:
         """Checks a lease that only this process can acquire, because the lease's name contains the number of
-        the process. The result is that of `check`. This method reads the lease's file only if another object
-        in this process has this lease, since reading takes 5 % of the computing time of a simulated period.
+        the process. Raises DriverError if another object holds the lease, or if this process is a forked
+        child. This method reads the lease's file only if another object in this process has this lease, since
+        reading takes 5 % of the computing time of a simulated period.
         """
         if os.getpid() != self._owner or any(
             one is not self and one._path == self._path for one in tuple(_HELD)

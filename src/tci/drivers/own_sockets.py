@@ -120,9 +120,9 @@ def on_loopback() -> AbstractContextManager[None]:
 
 
 class ConnectionMonitor:
-    """Bounds the number of connections to a server that a library runs in this process. `ConnectionLimit`
-    applies equal rules to TCI's own servers. A connection counts as unverified until the other program has
-    sent a byte."""
+    """Bounds the number of connections to a server that a library runs in this process. A connection counts
+    as unverified until the other program has sent a byte. If there are too many connections, closes
+    unverified ones first, then those that were silent for the longest time."""
 
     def __init__(self, port: int, *, most: int = MOST) -> None:
         self._port, self._most = port, most

@@ -95,8 +95,8 @@ def stray_servos(robot: Robot, part: str, sent: Sequence[SafeCommand]) -> list[s
     """Returns one sentence for each servo that was moved although the generic `part` does not map to this
     servo.
 
-    In position mode, no command may be sent to such a servo. In the other modes, which are set for both arms
-    together, commands may hold such a servo at its angle.
+    In position mode, no command may be sent to such a servo. In the other modes, commands may hold such a
+    servo at its angle, since the reflex switches both arms to its mode.
     """
     mapped = {servo.servo for servo in robot.part(part).servos}
     first: dict[int, float] = {}

@@ -64,14 +64,11 @@ def run_experiment(
 ) -> Report:
     """Runs every trial on every robot, then compares the results of the robots.
 
-    Args:
-        robots: Descriptions of the robots.
-        reflex: Withdrawal reflex of arms.
-        stimulus: Motion of the finger. None selects `Stimulus()`.
-        seed: Seed of the random delays of the pokes.
-        via: Name of the middleware between reflex and robot, see `trials_of`. With None, the reflex runs in
-            this process.
-        progress: Function that is called with each trial when the trial has ended.
+    Args: robots: Descriptions of the robots. reflex: Withdrawal reflex of arms. stimulus: Motion of the
+        finger. None selects `Stimulus()`. seed: Seed of the random delays of the pokes. via: Middleware
+        between reflex and robot, as NAME or NAME:ADDRESS, like the argument of `tci serve`. With None, the
+        reflex runs in this process. progress: Function that is called with each trial when the trial has
+        ended.
     """
     trials = []
     for robot in robots:

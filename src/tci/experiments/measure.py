@@ -12,8 +12,8 @@ from tci.robot.description import Robot
 
 MOTION = float(np.deg2rad(0.05))
 """Least difference [rad] that counts as motion: the difference of a joint angle between the trials with and
-without the reflex. Assumed: larger than the compliance of the servos, smaller than the motion in one control
-period."""
+without the reflex. Assumed: differences are smaller if servos only yield to the finger, and larger after one
+control period of a reflex."""
 
 AWAY = 1.0
 """Least displacement [mm] of the skin along its inward normal that counts as a withdrawal. The displacement

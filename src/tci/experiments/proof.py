@@ -182,8 +182,8 @@ def compare_axes(robot: Robot, part: GenericPart) -> Axes:
 def arm_axes(
     robot: Robot, part: GenericPart, kinematics: KinematicChain, hand: str, position: Array
 ) -> tuple[Array, Array, Array | None]:
-    """Returns the unit axes (3,) of internal rotation (towards the elbow), elbow flexion and pronation, in
-    the mount frame.
+    """Returns the unit axes (3,) of internal rotation, elbow flexion and pronation, in the mount frame. The
+    axis of internal rotation points towards the elbow.
 
     The axis of pronation is None for an arm without pronation. `hand` is a link that all of these joints
     move.

@@ -45,8 +45,8 @@ class SameStimulus:
 def same_stimulus(bodies: Sequence[GenericBody], fields: Sequence[ReceptiveField]) -> SameStimulus:
     """Applies the same touch (u, theta, force) to each robot's skin, and compares the commands of the reflex.
 
-    The touch is converted to a point on the robot's skin, and back with the robot's kinematics. So the
-    comparison includes the model, the mounts and the joint map of each robot.
+    The touch is converted to a point on the robot's skin, and this point is converted back to (u, theta) with
+    the robot's kinematics. So the comparison includes the model, the mounts and the joint map of each robot.
     """
     difference, directions = 0.0, {}
     for field in fields:
@@ -120,8 +120,8 @@ def displacements(body: GenericBody, part: str, target: Array) -> Array:
     """Returns the displacements (2, 3) [m] of the forearm's distal end from the initial posture to `target`.
 
     The first row is relative to the proximal end of the upper arm, and the second row to the torso. Both rows
-    have the axes of the arm's mount frame. The generic arm predicts the first row. The rows differ if the
-    shoulder's axes do not intersect, because the upper arm's proximal end then moves too.
+    have the axes of the arm's mount frame. The rows differ if the shoulder's axes do not intersect, because
+    the upper arm's proximal end then moves too.
     """
     start = initial_joints(body.robot)
     command = to_platform(body.robot, GenericCommand(part, Mode.POSITION, target))

@@ -186,7 +186,7 @@ class Arm:
         return self._perceive(released | {patch.name: np.clip(raw, sensor.lowest, sensor.highest)})
 
     def answers(self, contacts: Sequence[Contact | None]) -> Array:
-        """Returns one row (contacts, 2) for each contact: its force [N] and the gain of the reflex.
+        """Returns the force [N] and the gain of the reflex for each contact, as an array (contacts, 2).
 
         The row is zero if the contact is None, which means that the touch was not detected.
         """

@@ -40,9 +40,9 @@ def chain_to(robot: Robot, link: str) -> tuple[ChainSegment, ...]:
     """Returns the chain of segments that ends at a link. If the torso carries the link, the chain begins at
     the torso frame. Otherwise, the chain begins at the root of the model.
 
-    The first segment is fixed. In a chain from the torso, its transform is the pose of the torso's link
-    in the torso frame. In a chain from the root, its transform is the identity.
-    Raises UnknownNameError if the link does not exist, and the errors of `links_of`.
+    The first segment is fixed. Its `tip` is the pose of the torso's link in the torso frame or, in a chain
+    from the root, the identity. Raises UnknownNameError if the link does not exist, and the errors of
+    `links_of`.
     """
     by_name = {found.name: found for found in links_of(robot)}
     assert robot.model is not None  # `links_of` raises an error for a robot without a model

@@ -15,9 +15,9 @@ FADE = 0.01
 begins when the data is too old to be fully trusted. Assumed: in this time, a light joint under its full
 torque gains a third of its speed limit."""
 USUAL = 1.5
-"""Data is fully trusted up to this many times the mean age that it reaches before newer data arrives, plus
-one control period. Data older than `LONGEST` is never fully trusted. Assumed: the factor covers the jitter of
-the age."""
+"""Data is fully trusted up to one control period plus this many times its usual age. The usual age is the
+mean age of the latest data at the time at which newer data arrives. Data older than `LONGEST` is never fully
+trusted. Assumed: the factor covers the jitter of the age."""
 SHARE = 0.1
 """Weight of the newest value in a running mean of ages [s]. Each value is the age of the latest joint data at
 the arrival of newer data. Assumed: a larger weight adapts faster to a slower network; a smaller weight is

@@ -4,8 +4,8 @@ The gate checks in this order:
 
 - The joint data is usable.
 - The robot follows its references (`joint_monitor`).
-- Each command has a valid shape, finite values, servos with known limits, and their mode (`acceptance`,
-  `motion`).
+- Each command has a valid shape and finite values, and its servos have known limits and are in the command's
+  mode (`acceptance`, `motion`).
 - Commanded positions keep limits and couplings: the gate clamps and reports positions that do not (`bounds`).
 - Over time, the motion keeps the limits of velocity, acceleration and jerk (`trajectory`) or torque
   (`torque`).
@@ -258,8 +258,8 @@ class Gate:
         self._issued = None
 
     def _judge(self, joints: JointReading, now: float) -> Reason | None:
-        """Sets the state of the gate. Returns the reason why nothing may move now; None if the robot may
-        move."""
+        """Checks a joint reading at the time `now` [s], and sets the state of the gate (RUN, HOLD or STOP).
+        Returns the reason why nothing may move now; None if the robot may move."""
         if -math.inf < now < self._before - self._period:
             words = f"time went back by {self._before - now:.3f} s"
             self.stop(Reason(Code.TIME_WENT_BACK, words))
@@ -303,11 +303,11 @@ class Gate:
         return True
 
     def _look_at_rate(self, passed: float) -> None:
-        """Logs a warning if two successive calls are late by nearly equal times (see `STEADY`): the loop then
-        runs at a lower rate than the gate's.
+        """Logs a warning if the control loop runs at a lower rate than the gate's: if two successive calls
+        are late by nearly equal times.
 
-        `passed` [periods] is the time since the last call. If a call was on time once, the loop is only
-        delayed, and no warning is logged here: the function that runs the loop reports delays.
+        `passed` [periods] is the time since the last call. After the first call on time, no warning is logged
+        here any more.
         """
         if passed <= 1.0 + CATCH_UP or self._pace is None:
             self._pace = None
@@ -324,8 +324,9 @@ class Gate:
             self._pace = passed
 
     def _set_share(self, command: PlatformCommand, shares: dict[int, float]) -> list[Reason]:
-        """Sets stiffness or damping to fractions 0..1, and returns the reasons for values that were clamped.
-        Raises CommandError if the command can't be accepted."""
+        """Clamps the stiffness or damping values of a command to 0..1, and writes these fractions by servo
+        into `shares`. Returns the reasons for values that were clamped. Raises CommandError if the command
+        can't be accepted."""
         check_command(self.robot, command)
         if command.mode is Mode.STIFFNESS:
             self._motion.check_stiffness(command)

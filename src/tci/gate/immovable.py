@@ -30,8 +30,8 @@ class Immovable:
         ]
 
     def left_out(self, order: PlatformOrder) -> PlatformOrder:
-        """Returns the order without the immovable servos of each robot part whose servos are all in the
-        order. If no servo would remain, returns the order unchanged."""
+        """Returns the order, in which the immovable servos of a robot part are left out if the order contains
+        all servos of this part. If no servo would remain, returns the order unchanged."""
         if not self._parts or order.servos.ndim != 1:
             return order
         named = {*order.servos.tolist()}

@@ -65,9 +65,9 @@ class JointGroup:
         Each target is the requested angle in `values` (k,) [rad], or the nearest angle that the bounds allow.
         `speeds` (k,) [rad/s] are the largest speeds of the motion. Writes the targets into `sent` (k,) [rad],
         and returns the largest distance [rad] of a target from the requested angle. `box` (2, n_servos) [rad]
-        contains the limits of all servos. If the command must be refused, changes nothing and returns one of
-        the codes INVALID and FAR_OFF of `kernels.targets`. `servos` must have the type np.intp, `values` and
-        `speeds` the type np.float64, because a compiled loop reads them.
+        contains the limits of all servos. If the command must be refused, changes nothing and returns -1 for
+        invalid numbers, or -2 for angles far outside their limits. `servos` must have the type np.intp,
+        `values` and `speeds` the type np.float64, because a compiled loop reads them.
         """
         limiter = self.limiter
         farthest: float = _take_targets((servos, values, speeds), box, FAR_OFF, SLOWEST, self.arrays, sent)

@@ -124,7 +124,8 @@ class JointMonitor:
         self.forget()
 
     def forget(self) -> None:
-        """Deletes the history of motion. Data that was found untrustworthy stays untrustworthy."""
+        """Deletes the history of motion. After a fault that makes the joint data untrustworthy, the data
+        stays untrustworthy until `reset`."""
         never = np.full(len(self._names), np.inf)
         self._before: JointReading | None = None
         self._modes: tuple[Mode, ...] = ()
@@ -208,7 +209,8 @@ class JointMonitor:
         return None
 
     def _fault_of_motion(self, found: int, reference: Reference) -> Reason:
-        """Returns the reason to stop for a servo that does not follow its reference."""
+        """Returns the reason to stop for a servo that does not follow its reference. `found` is its fault:
+        LATE, OPPOSED or FROZEN."""
         name, way = self._names[reference.servos[int(self._worst[0])]], np.rad2deg(self._worst[1])
         if found == LATE:
             causes = "held or pushed, blocked, stalled or limp"
@@ -235,8 +237,8 @@ class JointMonitor:
         return Reason(Code.ENCODER_FROZEN, words)
 
     def _sort(self, modes: tuple[Mode, ...]) -> None:
-        """Stores two flags for each servo (2, k): True if it is compared with its reference, and True if it
-        is in torque mode."""
+        """Stores which of k servos must follow a reference, and which are in torque mode, according to their
+        control modes."""
         self._modes = modes
         self._kinds = np.array(
             [[mode in JUDGED for mode in modes], [mode is Mode.TORQUE for mode in modes]], dtype=bool

@@ -155,7 +155,7 @@ class Motion:
         return clamped
 
     def _aim(self, command: PlatformCommand) -> list[Reason]:
-        """Sets the targets of servos. Returns the reasons for clamped values."""
+        """Sets the targets of the servos in a command. Returns the reasons for values that were clamped."""
         servos, values, speeds = command.servos, command.values, command.speed
         usual = is_usual(command)
         chains = self.groups.found(command.mode, servos) if usual else None
@@ -201,8 +201,9 @@ class Motion:
         """Returns the torques (k,) [N m] of the servos under command at `now` [s], in the order of
         `reference`.
 
-        The torque is 0 for servos that are off and for servos in another mode than torque mode. If no step is
-        `due`, the torques do not change, except that they become smaller as joint data grows old.
+        The torque is 0 for servos that are off and for servos in another mode than torque mode. `due` is True
+        if the gate takes a step now; otherwise the torques do not change, except that they become smaller as
+        joint data grows old.
         """
         others = self.groups.count
         if not self._torque.servos.size:
@@ -223,7 +224,8 @@ class Motion:
         return frozen(np.concatenate([np.zeros(others), torque]))
 
     def _push(self, command: PlatformCommand) -> list[Reason]:
-        """Sets the torques of servos in torque mode. Returns the reasons for clamped values."""
+        """Sets the torques of the servos in a command, which are in torque mode. Returns the reasons for
+        values that were clamped."""
         sent = self._torque.ask(command.servos, command.values)
         return self.clamps(command, sent, "N m")
 
@@ -242,8 +244,9 @@ class Motion:
                 )
 
     def _drive(self, command: PlatformCommand) -> list[Reason]:
-        """Sets the velocities of servos in velocity mode. If one velocity exceeds its limit, all velocities
-        of the command are reduced by one factor."""
+        """Sets the velocities of servos in velocity mode, and returns the reasons for velocities that were
+        reduced. If one velocity exceeds its limit, all velocities of the command are reduced by one factor.
+        """
         servos = command.servos.tolist()
         limits = np.array([self.robot.servos[servo].limits.velocity for servo in servos])
         most = np.minimum(command.speed, self._settings.speed_share * limits)
@@ -275,8 +278,9 @@ class Motion:
         self._shares[command.servos] = np.clip(command.values, 0.0, 1.0)
 
     def clamps(self, command: PlatformCommand, sent: Array, unit: str) -> list[Reason]:
-        """Counts the servos whose accepted value in `sent` (k,) differs from the requested value, and returns
-        a reason for each of these servos."""
+        """Returns a reason for each servo whose accepted value in `sent` (k,) differs from the requested
+        value in `command`, and adds 1 to the count of this servo's clamps. The reasons give the values in
+        `unit`."""
         clamped: list[Reason] = []
         accepted = by_servo(command.servos, sent)
         for servo, asked in by_servo(command.servos, command.values).items():

@@ -36,9 +36,9 @@ STRIDE = 0.002
 """Largest motion [m] of a link between two checked points of a path. Assumed: less than half of MARGIN, the
 default distance that links must keep."""
 PATIENCE = 16
-"""Distances are measured once and stored. If the stored distances have not sufficed to exclude a collision in
-this number of successive checks, the distances are measured again. Assumed: one measurement takes as long as
-a few checks."""
+"""Number of checks from one measurement of the stored distances to the next, if in all these checks the
+stored distances do not suffice to exclude a collision. Assumed: one measurement takes as long as a few
+checks."""
 SPECK = 1e-6
 """Distance [m] between two links below which the direction from one link to the other is only a rounding
 error."""
@@ -58,8 +58,8 @@ class SelfCollision:
     def __init__(self, robot: Robot, *, margin: float = MARGIN) -> None:
         """Reads the robot's solids; links must keep `margin` [m] apart.
 
-        Raises TciError if `margin` is negative or too large (`WIDEST` or more). Also raises the errors that
-        Clearance and Solids raise.
+        Raises TciError if `margin` is negative or at least 0.1 m, or if a joint is not a hinge. Raises
+        DescriptionError if the robot has no model, or if a joint is missing in the model.
         """
         if not 0.0 <= margin < WIDEST:
             raise TciError(f"margin {margin} m; valid: 0 to {WIDEST} m")
@@ -138,15 +138,15 @@ class SelfCollision:
         return None
 
     def _near(self, box: Array) -> int:
-        """Returns the number of pairs whose distance may fall below the margin while the servos are between
-        the angles `box` (2, n_servos) [rad]."""
+        """Returns the number of pairs of links whose distance may fall below the margin while the servos are
+        between the least and largest angles `box` (2, n_servos) [rad]."""
         count: int = _come_near(*self._fixed, box, self._ends, self.margin)
         return count
 
     def _measure(self, angles: Array, pairs: Indices, axis: Array | None = None) -> Array:
-        """Measures the distances (m,) [m] of `pairs` (m,) at `angles` (j,) [rad] of the model's joints.
-        Distances above 1 m (SIGHT) count as 1 m. Writes the direction between the two links of each pair into
-        `axis`."""
+        """Measures the distances (m,) [m] of the pairs of links with the indices `pairs` (m,), at the angles
+        `angles` (j,) [rad] of the model's joints. Distances above 1 m (SIGHT) count as 1 m. If `axis` (p, 3)
+        is given, writes the direction between the two links of each of these pairs into it."""
         s, data, segment = self._solids, self._data, self._segment
         _stand(self._arrays, angles, self._frames, data.geom_xpos, data.geom_xmat, s.geoms)
         result = np.empty(len(pairs))

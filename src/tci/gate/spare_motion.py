@@ -13,10 +13,10 @@ from tci.robot.description import Robot
 class SpareMotion:
     """Motion of one group of servos, which nobody reads and no servo follows.
 
-    A motion runs code and reads memory that a robot at rest does not need, so that they are not in the
-    processor's caches. The first motion of a process therefore takes 0.4 ms longer than later motions, and a
-    motion after 200 periods without a command takes 30 us longer. A step of the spare motion runs the same
-    code. Afterwards no period of the control loop is delayed in this way.
+    A motion runs code and reads memory that a robot at rest does not use, so both leave the processor's
+    caches. The first motion of a process therefore takes 0.4 ms longer than later motions, and a motion after
+    200 periods without a command takes 30 us longer. Steps of the spare motion keep code and memory in the
+    caches.
     """
 
     def __init__(self, robot: Robot, *, period: float, speed_share: float) -> None:

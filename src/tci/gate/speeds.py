@@ -34,7 +34,7 @@ class Slope:
         time."""
 
     def step(self, joints: JointReading) -> None:
-        """Adds the latest reading."""
+        """Stores the latest reading, and deletes readings that are too old."""
         past = self._past
         past.append(joints)
         while not 0.0 <= joints.stamp - past[0].stamp <= SPAN:
@@ -43,8 +43,8 @@ class Slope:
 
     @property
     def speed(self) -> Array:
-        """Returns the mean speeds (n,) [rad/s] between the oldest reading of the last SPAN [s] and the latest
-        reading. All speeds are NaN if there is no earlier reading in this time."""
+        """Returns the mean speeds (n,) [rad/s] between the oldest reading of the last 0.02 s (`SPAN`) and the
+        latest reading. All speeds are NaN if there is no earlier reading in this time."""
         if not self.span > 0.0:
             return self._none
         speed: Array = (self._past[-1].position - self._past[0].position) / self.span

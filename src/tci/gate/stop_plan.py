@@ -84,8 +84,8 @@ class StopPlanner:
         self._limits[ACCELERATION], self._limits[JERK] = acceleration, jerk
 
     def plan(self, state: Array, here: Array) -> bool:
-        """Plans the stop from a `state` (3, n) that follows one step after the angles `here` (n,) [rad]. Does
-        not change the stored stop.
+        """Plans the stop from `state` (3, n): angles, velocities and accelerations one step after the angles
+        `here` (n,) [rad]. Does not change the stored stop.
 
         Returns True if the planned stop keeps the couplings and stays inside the limits, or no farther
         outside than `here`.
@@ -96,7 +96,8 @@ class StopPlanner:
         return inside and (keeps or self._keeps_couplings(stop))
 
     def _keeps_couplings(self, stop: StopTrajectory) -> bool:
-        """Checks a planned stop period by period. Returns True if the stop keeps the couplings."""
+        """Returns True if a planned stop keeps the couplings (limits of weighted sums of angles) in each of
+        its periods."""
         bounds, period = self._bounds, self._period
         if stop.duration > LONGEST_STOP * period:
             return False

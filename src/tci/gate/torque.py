@@ -78,7 +78,7 @@ class TorqueLimiter:
         self._memory[at.WANTED, servos] = 0.0
 
     def halt(self) -> None:
-        """Sets all commanded torques to zero, and brakes any motion in the next step."""
+        """Sets all commanded torques to zero. The next call of `step` brakes any motion."""
         self.relax()
         self._halts = True
 
@@ -97,15 +97,15 @@ class TorqueLimiter:
         `position` [rad] and `velocity` [rad/s] (n_servos,) were measured `age` [s] ago. `slope` (n_servos,)
         [rad/s] is the mean speed over the time `span` [s] before this measurement.
 
-        - At rest and far from limits, the result is the commanded torque, which rises gradually (time
-          `kernels.torques.RISE`).
+        - At rest and far from limits, the result is the commanded torque, which rises gradually: from zero to
+          the largest torque in 20 ms.
         - If a servo moves so fast that a stop within its acceleration limit would end beyond its position
           limit, it is braked immediately, with up to its full torque. If the servo is nearly at rest, the
           braking torque is proportional to the speed.
         - Near a limit, a torque towards the limit decreases to zero. Beyond the limit only a slow return is
           allowed.
         - Late data does not yet show the speed that recent torques have caused. This speed is estimated, so
-          that a light servo does not exceed its speed limit either.
+          that also a light servo does not exceed its speed limit.
         - A velocity that is not finite sets the commanded torque to zero. A velocity that lags behind `slope`
           is ignored.
         - Each torque is limited to the fraction `trust` (0..1) of the torque that follows from the rules
@@ -122,8 +122,9 @@ class TorqueLimiter:
         return self._given()
 
     def again(self, *, trust: Array | float) -> Array:
-        """Returns the torques (k,) [N m] of the last step, reduced if `trust` (0..1) is lower now than in
-        that step. This method is for calls between that step and the next step."""
+        """Returns the torques (k,) [N m] of the last step, reduced if `trust`, the permitted fraction (0..1)
+        of the torques, is lower now than in that step. This method is for calls between that step and the
+        next step."""
         trust = np.minimum(trust, self._trust)
         share = np.divide(trust, self._trust, out=np.zeros(len(trust)), where=self._trust > 0.0)
         self._memory[at.RISEN : at.GIVEN + 1, self.servos] *= share
@@ -135,7 +136,7 @@ class TorqueLimiter:
         return given
 
     def _since(self, age: float) -> Array:
-        """Returns the impulses (n_servos,) [N m s] of the torques that were sent during the last `age`
-        [s]."""
+        """Returns for each servo (n_servos,) torque times duration [N m s], summed over the torques that were
+        sent during the last `age` [s]."""
         steps = min(math.ceil(age / self._period - EARLY), len(self._pushed) - 1)
         return self._pushed[-1] - self._pushed[-1 - steps]

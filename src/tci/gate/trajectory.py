@@ -156,8 +156,8 @@ class OnlineTrajectory:
         self._begin()
 
     def _begin(self) -> None:
-        """Ends a halt, and permits the motion back inside the limits to be tried again after a refusal. Every
-        new command calls this method."""
+        """Prepares for a new command: ends a halt, and permits servos outside their limits to try again to
+        move back inside."""
         self._stopping = self._resting = False
         self._told: Code | None = None
         self._barred: Reason | None = None  # why the way inside is not tried until the next command
@@ -215,13 +215,12 @@ class OnlineTrajectory:
         return sags(self.position, self.bounds, self.found, self.measured)
 
     def _advance(self) -> bool:
-        """Takes a step towards the target. If the stop after this step would leave the bounds, takes no step
-        and returns False.
+        """Tries to take a step towards the targets. Returns True if the step was taken; False if not, for
+        example because the servos would leave their limits if they stopped after it.
 
-        If servos outside their limits can't move back inside, the other servos move without them. The return
-        inside is tried again in each period in which the other servos move; once they rest, only at the next
-        command. If `guard` refuses the motion of the other servos too, all targets are dropped, and only the
-        return inside is tried.
+        If servos outside their limits can't move back inside, the other servos move without them. If `guard`,
+        the function that checks each planned stop, refuses their motion too, all targets are dropped, and
+        only the return inside is tried.
         """
         if self._barred and not self.drives:  # the other servos are at rest
             return self._return_inside()
@@ -280,9 +279,9 @@ class OnlineTrajectory:
         """Takes a step in which servos outside their limits move inward and all others stop. Returns False,
         and takes no step, if no servo is outside or the step is refused.
 
-        If the step is refused while all servos are at rest, no servo moves further inside until the next
-        command. Until then, only servos that sag move: back to their angles at the time when they came under
-        command.
+        If the step is refused while all servos are at rest, it is not tried again until the next command.
+        Until then, only servos that have sagged farther outside move: back to the angles at which they came
+        under command.
         """
         self._set_straight(False)
         back, rests = self._back(), bool(np.abs(self.whole_state[1]).max() <= STILL)
@@ -298,12 +297,10 @@ class OnlineTrajectory:
         return taken
 
     def _try(self, back: Array | None = None) -> tuple[bool, Reason | None]:
-        """Takes the next step of the plan, if the stop after this step is allowed. Returns True if the
-        step is taken, otherwise False. The second result is the guard's reason if the guard refuses the step,
-        otherwise None.
-
-        Args: back: Velocity (n,) [rad/s] of servos outside their limits, if only these servos move; otherwise
-            None.
+        """Takes the next step of the plan, if the stop after this step is allowed. Returns True if the step
+        was taken, and as second result the reason of the guard (the function that checks each planned stop)
+        if it refused the step, otherwise None. If only servos outside their limits move, `back` (n,) [rad/s]
+        are their velocities.
         """
         here, state = self.position, self._planner.step()
         self._hindrance = UNPLANNED if state is None else OUTSIDE
@@ -322,7 +319,7 @@ class OnlineTrajectory:
         return True, None
 
     def _brake(self) -> None:
-        """Takes a step of the stored stop, which has already been checked."""
+        """Takes the next step of the stored stop, which was checked when it was planned."""
         state, rests = self._stopper.step()
         self._set_state(state)
         if rests:
@@ -337,12 +334,11 @@ class OnlineTrajectory:
         self._set_straight(False)
 
     def _set_straight(self, straight: bool) -> None:
-        """Selects whether the motion from the present state, and its stops, follow a straight line. The
-        servos must be at rest.
+        """Selects whether the motion from the present state, and its stops, follow a straight line. If
+        `straight` is True, the servos must be at rest.
 
-        The motion is straight if all limits are proportional to the distances of the servos. (The library
-        ruckig has an option for straight motions, phase synchronisation. This option is not suitable: because
-        of rounding, states are not exactly on a line, and then the option fails.)
+        A motion is straight if all limits are proportional to the distances of the servos. (Ruckig's option
+        for straight motions, phase synchronisation, fails because rounded states are not exactly on a line.)
         """
         was, self._straight = self._straight, straight and not self.drives
         self._asked = True

@@ -18,10 +18,10 @@ QUICK = float(np.deg2rad(180.0))
 """Speed limit [rad/s] that replaces every larger speed limit of a servo when the speed of the way inside is
 computed. Assumed: without this bound, a G1's motors would move inward with half a turn per second."""
 SAGS = float(np.deg2rad(0.5))
-"""A servo outside its limits may sag: it moves farther outside than the angle at which it was found. To lead
-the servo back, its reference may be at most SAGS [rad] farther inside than the angle at which it was found.
-Assumed: a usual deviation of servos. At a distance of 0.5 m from the joint, this angle is a displacement of
-4.4 mm, less than the default margin of the check for self-collision."""
+"""A servo outside its limits may sag: it moves farther outside than the angle at which it was found. The
+motion back to that angle needs no check for self-collision while the reference is at most SAGS [rad] farther
+inside than that angle. Assumed: a usual deviation of servos. At a distance of 0.5 m from the joint, this
+angle is a displacement of 4.4 mm, less than the default margin of the check for self-collision."""
 LAGS = 5e-5
 """A servo outside its limits is led back to the angle at which it was found only if it has sagged farther
 outside by more than this angle [rad]. Assumed: about the resolution of joint encoders."""
@@ -38,7 +38,7 @@ def creeping(speed: Array, *, straight: bool) -> Array:
     """Returns the speed (n,) [rad/s] at which servos with the speed limits `speed` (n,) [rad/s] move while
     one of them is outside its limits. If `straight` is True, all speeds are reduced by one factor.
 
-    A speed is not reduced below SLOWEST, because the library ruckig refuses motions that take too long.
+    A speed is not reduced below 0.001 rad/s, because the library ruckig refuses motions that take too long.
     """
     most = speed.max() if straight else speed
     reduced: Array = np.maximum(CREEP * np.minimum(most, QUICK), np.minimum(most, SLOWEST))

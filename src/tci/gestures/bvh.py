@@ -77,7 +77,8 @@ def read_bvh(path: Path) -> Gesture:
 
 
 def _parse(source: str, lines: list[str]) -> tuple[list[Bone], float, Array]:
-    """Returns the bones, the time [s] between frames, and the channels' values (frames, channels)."""
+    """Returns the content of a BVH file, given as `lines`: its bones, the time [s] between frames, and the
+    values of all channels (frames, channels)."""
     bones: list[Bone] = []
     stack: list[int] = []
     current, channels, start = -1, 0, -1
@@ -175,8 +176,8 @@ def _begins_with_rest(
 ) -> bool:
     """Returns True if the first frame is a rest pose, which some programs insert before the motion.
 
-    The first frame counts as a rest pose if a limb would turn faster than FASTEST between the first and the
-    second frame.
+    The first frame counts as a rest pose if a limb would turn impossibly fast (above FASTEST) between the
+    first and the second frame.
     """
     if len(frames) < 3:
         return False
@@ -190,7 +191,7 @@ def _begins_with_rest(
 
 
 def _find(bones: list[Bone], side: Side, role: str) -> int:
-    """Returns the index of the bone that has a `role` in the arm on one `side`.
+    """Returns the index of the bone that has a `role`, for example `forearm`, in the arm on one `side`.
 
     A bone named `shoulder` counts as the upper arm if the forearm is attached to this bone, else as the
     collar bone.
@@ -221,8 +222,8 @@ def _line(bones: list[Bone], bone: int) -> list[int]:
 
 
 def _pose(bones: list[Bone], frames: Array) -> tuple[Array, Array]:
-    """Returns rotations (k, bones, 3, 3) and positions (k, bones, 3) of all bones in the file's world
-    frame."""
+    """Returns rotations (k, bones, 3, 3) and positions (k, bones, 3) of all bones in the file's world frame,
+    for k `frames` (k, channels)."""
     rotations, places = np.empty((len(frames), len(bones), 3, 3)), np.empty((len(frames), len(bones), 3))
     for number, bone in enumerate(bones):
         values = frames[:, bone.first : bone.first + len(bone.channels)]
@@ -244,11 +245,11 @@ def _pose(bones: list[Bone], frames: Array) -> tuple[Array, Array]:
 
 
 def _torso(rest: Array, left: int, right: int) -> Array:
-    """Returns the rotation (3, 3) of the torso frame in the file's world frame, computed from the rest pose.
+    """Returns the rotation (3, 3) of the torso frame in the file's world frame, computed from the positions
+    `rest` of the bones in the rest pose. `left` and `right` are the indices of the two shoulders.
 
-    The left direction points from the right to the left shoulder. The up direction is the coordinate axis of
-    the file along which the skeleton is longest, among the axes that are roughly perpendicular to the left
-    direction.
+    Its left direction points from the right to the left shoulder. Its up direction is near the coordinate
+    axis of the file along which the skeleton is longest.
     """
     y = rest[left] - rest[right]
     if np.linalg.norm(y) < 1e-6:
@@ -267,9 +268,10 @@ def _postures(points: Array, thumb: Array, side: Side, before: Array) -> tuple[A
     """Returns generic angles (k, 5) [rad] of an arm in k frames, and the axis (3,) of elbow extension in the
     last frame.
 
-    `points` (k, 3, 3) are the positions of shoulder, elbow and wrist. If the elbow is straight, the axis of
-    the previous frame is used. In the first frame, `before` is used. If `before` contains no axis, the axis
-    is chosen so that the forearm would bend forward.
+    `points` (k, 3, 3) are the positions of shoulder, elbow and wrist, and `thumb` (k, 3) the direction of the
+    thumb. The axis can't be measured while the elbow is straight; then the axis of the previous frame is
+    used, and in the first frame the axis `before` (3,). If `before` is zero, the axis is chosen so that the
+    forearm would bend forward.
     """
     steps = np.diff(points, axis=1)
     lengths = np.linalg.norm(steps, axis=2, keepdims=True)
@@ -292,9 +294,9 @@ def _postures(points: Array, thumb: Array, side: Side, before: Array) -> tuple[A
 
 
 def _bend(upper: Array, before: Array) -> Array:
-    """Returns the negative axis of flexion (3,) of an elbow that is straight or almost straight. This is the
-    previous axis `before` (3,) without its component along the upper arm's direction `upper` (3,). If nothing
-    remains, chooses an axis about which the forearm would bend forward."""
+    """Returns the axis of extension (3,) of an elbow that is too straight to measure it: the previous axis
+    `before` (3,), made perpendicular to the upper arm's direction `upper` (3,). If this is impossible,
+    returns an axis about which the forearm would bend forward."""
     forward, left = np.eye(3)[:2]
     choices = (before - upper * float(before @ upper), np.cross(forward, upper), left)
     lengths = [float(np.linalg.norm(choice)) for choice in choices]

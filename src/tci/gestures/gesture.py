@@ -165,11 +165,9 @@ def fit(robot: Robot, gesture: Gesture, *, exact: bool = True, share: float = SH
 
 
 def _leading(robot: Robot, part: str, gesture: Gesture, positions: Array) -> Array:
-    """Returns the targets (k, n) [rad] of the n joints of a part at k times. Each target is ahead of the
-    gesture by the distance in which the joint stops.
-
-    All servos of the part stop in the time T that the slowest servo needs. In this time, a servo with the
-    speed v moves by v T / 2.
+    """Returns targets (k, n) [rad] for the n joints of a part at the k times of a gesture. Each target is
+    ahead of the gesture by the distance that the joint would need to stop. `positions` (k, n_servos) [rad]
+    are the servo angles of the gesture.
     """
     servos = joint_map(robot, part).servos
     limits = [robot.servos[servo].limits for servo in servos]
@@ -186,8 +184,9 @@ def _leading(robot: Robot, part: str, gesture: Gesture, positions: Array) -> Arr
 def _fit_part(
     robot: Robot, part: GenericPart, angles: Array, positions: Array, missed: dict[str, float], *, exact: bool
 ) -> None:
-    """Writes the servo angles [rad] of one part into `positions` (k, n_servos), and the largest error [rad]
-    of each joint into `missed`."""
+    """Converts the generic angles of one part at k times to servo angles, and writes these into `positions`
+    (k, n_servos) [rad]. Writes the largest error [rad] of each joint that has one into `missed`. If `exact`
+    is True, an arm's limbs keep their directions; otherwise each angle is converted and clamped by itself."""
     joints = joint_map(robot, part.name)
     limits = [robot.servos[servo].limits for servo in joints.servos]
     lower = np.array([-np.inf if limit.lower is None else limit.lower for limit in limits])
@@ -216,8 +215,8 @@ def _fit_part(
 
 
 def _slower(robot: Robot, parts: list[str], times: Array, positions: Array, share: float) -> float:
-    """Returns the factor by which the duration of a motion must be multiplied, so that the motion meets the
-    limits of speed and acceleration."""
+    """Returns the factor (1 or more) by which the duration of a motion must be multiplied, so that the motion
+    meets the limits of acceleration, and the fraction `share` of the limits of speed."""
     speed = np.abs(np.gradient(positions, times, axis=0))
     acceleration = np.abs(np.gradient(np.gradient(positions, times, axis=0), times, axis=0))
     slower = 1.0

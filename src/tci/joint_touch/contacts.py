@@ -71,7 +71,8 @@ class JointTouch:
     def __init__(
         self, skin: Skin, layout: SkinLayout, calibration: JointCalibration, settings: JointTouchSettings
     ) -> None:
-        """Starts without contacts. Raises the errors of `MomentumObserver`."""
+        """Starts without contacts. Raises DescriptionError if the robot has no model with masses, and
+        UnknownNameError if the model lacks the torso or the link of a tool."""
         robot = skin.robot
         self.layout, self.settings = layout, settings
         self._observer = MomentumObserver(robot, calibration, settings.observer)
@@ -121,7 +122,8 @@ class JointTouch:
         """Returns the contact that is detected through the joint torques of one part; None if there is no
         such contact.
 
-        Writes into `forces` (c,) [N] the improved forces of the contacts on the part's skin.
+        Writes into `forces` (c,) [N], the forces of all contacts on skin, the improved forces of the contacts
+        on this part.
         """
         rows, torques = [], []
         for row, contact in enumerate(self._on_skin):
@@ -138,7 +140,8 @@ class JointTouch:
     def _described(
         self, felt: Mapping[str, Explanation], joints: JointReading, posture: Mapping[str, Array], skin: Skin
     ) -> Contacts:
-        """Returns the contacts that are detected through joint torques, in the robot's order of parts."""
+        """Converts `felt`, the contacts that are detected through joint torques, by part, to one `Contacts`
+        in the order of the robot's patches."""
         rows = sorted(felt.items(), key=lambda item: item[1].patch)
         poses = skin.kinematics.pose_array(joints.position, self.layout.links)
         made = describe_touches(

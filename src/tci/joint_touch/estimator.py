@@ -43,8 +43,8 @@ class Explanation:
     """Component of the residual [standard deviations] in the direction of the joint torques that this contact
     causes."""
     certainty: float
-    """Probability (0..1) that the true contact point is within the distance `REACH` of the estimated point,
-    given the errors of the model."""
+    """Probability (0..1) that the true contact point is within 5 cm (`REACH`) of the estimated point, given
+    the errors of the model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +105,10 @@ class PartEstimator:
     def explain(
         self, left: Array, residual: Residual, position: Array, kinematics: KinematicChain, least: float
     ) -> Explanation | None:
-        """Returns the most likely cause of `left` (k,) [standard deviations]: the joint torques that the
-        contacts on skin do not explain. Returns None if the component of `left` in the direction of the
-        contact's torques is below `least` [standard deviations]. `residual` contains the standard deviations.
+        """Returns the contact that most likely causes `left` (k,) [standard deviations], the joint torques
+        that the contacts on skin do not explain. Returns None if the component of `left` in the direction of
+        this contact's torques is below `least` [standard deviations]. `residual` contains the standard
+        deviations.
         """
         if left @ left < least * least:
             return None

@@ -66,14 +66,14 @@ def simulate(
     cores: int | None = None,
     sites: Sequence[ReceptiveField] | None = None,
 ) -> tuple[WorldRun, ...]:
-    """Pokes a robot in `worlds` simulated worlds, each for `duration` [s]. The world's seed determines the
-    arm, the receptive field and the time of the poke.
+    """Pokes a robot in `worlds` simulated worlds, each for `duration` [s]. World i, counted from 0, has the
+    seed `seed` + i, which determines the arm, the receptive field and the time of the poke.
 
     The skins of both arms, the capability (by default the withdrawal reflex) and the gate run in each world.
     Worlds are independent, so equal arguments lead to equal results on any number of `cores` (default: all
     cores). Each core runs a separate process. `sites` are the receptive fields to poke (default: the fields
-    of the reflex). `step` [s] and `noise` [counts] are arguments of `World`. If a file calls this function,
-    the call must be inside `if __name__ == "__main__":`.
+    of the reflex). `step` [s] is the step of the physics, and `noise` [counts] the standard deviation of raw
+    skin values. If a file calls this function, the call must be inside `if __name__ == "__main__":`.
 
     Raises TciError for fewer than one world or core, for an empty `sites`, and for an invalid duration.
     Raises the errors of `World`.
@@ -118,8 +118,8 @@ def _run(
     seed: int,
     numbers: range,
 ) -> list[WorldRun]:
-    """Runs the worlds of one process one after another. The process builds one world, and resets it for each
-    run."""
+    """Simulates the worlds with the given `numbers` one after another in this process, and returns their
+    results. Each world has its own random seed, `seed` plus its number."""
     runs = []
     world = World(robot, step=step, noise=noise)
     for number in numbers:

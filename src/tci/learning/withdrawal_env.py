@@ -247,7 +247,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         self.driver.write(self.driver.gate.step(platform, joints, self.world.time, refused=refused))
 
     def _harm(self, seen: Perception) -> float:
-        """Returns the largest pressure on the arm, divided by `pain`."""
+        """Returns the largest pressure on the arm, divided by `pain`, the pressure that counts as pain."""
         skin = seen.skin
         assert skin is not None  # a Perceiver always sets `skin`
         if not len(skin.pressure):

@@ -108,8 +108,9 @@ def fit(
 
 
 def _middle(sides: Array, depth: Array) -> float:
-    """Returns the sideways position [m] of the camera with which points at `sides` (n,) [m] and `depth` (n,)
-    [m] are in the middle of the picture."""
+    """Returns the sideways position [m] of the camera with which points are in the middle of the picture.
+    `sides` (n,) [m] are the sideways positions of the points, and `depth` (n,) [m] their distances along the
+    camera's axis."""
     low, high = float(sides.min()), float(sides.max())
     for _ in range(_HALVINGS):
         middle = (low + high) / 2.0

@@ -15,9 +15,10 @@ from tci.frames import Array
 from tci.pictures.camera import Camera, rays
 
 _CHUNK = 8192
-"""Number of rays per call. The number is small, so that all threads have work until the end."""
+"""Number of rays that a thread casts at once. The number is small, so that all threads have work until the
+end."""
 _OPAQUE, _GLASS, _HIDDEN = 0, 1, 5
-"""Number of the geom group, in the copied model, for opaque, transparent and hidden geoms."""
+"""Geom groups of opaque, transparent and hidden geoms, in the copy of the model into which rays are cast."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,7 +19,7 @@ from tci.simulation.world import World
 
 VIDEO = "mp4"
 FORMATS = ("gif", "webp", "png", VIDEO)
-"""Formats by the suffix of the file: formats of animated pictures, and a video format that needs the extra
+"""Valid suffixes of the file: three formats of animated pictures, and a video format that needs the extra
 `video`."""
 # The times, sizes and directions below are chosen by eye.
 EVERY = 0.02

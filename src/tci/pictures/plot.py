@@ -204,8 +204,8 @@ def _draw_angles(axes: Axes, robot: Robot, series: Series, part: str) -> None:
 def _draw_arm(
     axes: Axes, robot: Robot, series: Series, part: str, fields: Sequence[ReceptiveField]
 ) -> PathCollection | None:
-    """Draws the largest pressure of every taxel of an arm. The axes are the angle around the limb and the
-    position along the limb."""
+    """Draws the unrolled skin of an arm: the largest pressure of every taxel, and the outlines of `fields`.
+    The axes are the angle around the limb and the position along the limb."""
     skin, dots = Skin(robot), None
     for patch in robot.patches:
         if patch.part != part or patch.segment not in SEGMENTS:

@@ -111,8 +111,8 @@ class Portrait:
         return data
 
     def _paint(self, moment: Moment) -> list[Painter]:
-        """Returns the painters in the order in which they paint: first the receptive fields, then the taxels,
-        which cover the fields."""
+        """Returns the painters (objects that colour points of the skin) in the order in which they paint:
+        first the receptive fields, then the taxels, which cover the fields."""
         if not self._worn:
             return []
         skin, robot, joints = self.skin, self._robot, moment.reading.joints

@@ -18,8 +18,8 @@ from tci.pictures.shade import darken, light, outlines, smooth_normals
 _SKY = np.array([[1.0, 1.0, 1.0], [0.93, 0.945, 0.96]])
 """Background colours at the top and at the bottom of a picture."""
 _SUBPIXELS = np.array([[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]])
-"""Offsets of the additional rays in a pixel on an outline. The offsets form a rotated grid, which gives good
-results for steep and flat lines."""
+"""Offsets [pixels] of the four additional rays with which a pixel on an outline is smoothed. The offsets form
+a rotated grid, which gives good results for steep and flat lines."""
 
 
 class Painter(Protocol):
@@ -123,9 +123,8 @@ def _resolve(
 ) -> Array:
     """Returns the picture (h, w, 3) with anti-aliased outlines.
 
-    The colour of each pixel at an outline becomes the mean over a few additional rays. The colour of such a
-    ray is the colour of the adjacent pixel with the same surface and the most similar distance, so no point
-    is shaded again.
+    Each pixel in `border` (h, w) gets the mean colour of a few additional rays. If `glass` is True, these
+    rays also hit transparent surfaces.
     """
     rows, columns = np.nonzero(border)
     if not len(rows):

@@ -13,8 +13,8 @@ from tci.pictures.cast import Hits
 _CREASE = np.cos(np.deg2rad(40.0))
 """Cosine of the largest angle between two faces that are shaded as one smooth surface."""
 _KEY = np.array([-0.55, -0.75, -0.55])
-"""Direction towards the key light, in the camera frame: x to the right, y down, z forward. The light is
-above, to the left of and behind the camera."""
+"""Direction towards the key light, which is the main light, in the camera frame: x to the right, y down, z
+forward. The light is above, to the left of and behind the camera."""
 _AMBIENT, _KEY_STRENGTH, _HEAD_STRENGTH = 0.50, 0.45, 0.32
 _JUMP = 3.0
 """Least step in depth at which an outline is drawn, as a multiple of a pixel's size on the surface."""
@@ -25,8 +25,8 @@ Offset = tuple[slice, slice]
 
 
 def _neighbours(step: int) -> list[tuple[Offset, Offset]]:
-    """Returns pairs of index ranges. The two ranges of a pair select two equally large regions of an image,
-    one shifted from the other by `step` pixels: sideways, down, or diagonally."""
+    """Returns pairs of index ranges of an image. The second range of a pair selects the region that is
+    shifted from the region of the first by `step` pixels: sideways, down, or diagonally."""
     here, there, everywhere = slice(None, -step), slice(step, None), slice(None)
     return [
         ((everywhere, here), (everywhere, there)),

@@ -43,7 +43,8 @@ LARGEST_MAPPING = 2**20
 """Largest size [bytes] of a mapping file (TOML) that is read. Assumed: enough for 60 patches with lists of
 4000 channels."""
 _CELL = re.compile(rf"[ \t]*(?:{NUMBER}|[nN]a[nN])[ \t]*")
-"""Pattern of NaN (a missing number), or of a number in the syntax that robot descriptions permit."""
+"""Pattern of a cell of a CSV file: NaN (a missing number), or a number in the syntax that robot descriptions
+permit."""
 
 Numbers = NDArray[np.number[Any]]
 
@@ -148,9 +149,11 @@ def _frames(
 
 
 def _base(one: PatchValues, patch: Patch | None) -> Numbers | None:
-    """Returns a frame (channels,) of a patch at rest, for the channels to which the mapping gives no values.
+    """Returns the raw values (channels,) of a patch at rest, which stand for the channels to which the
+    mapping file gives no values.
 
-    Returns None if no channels are listed: the values then contain all channels, in order.
+    Returns None if the mapping file lists no channels: the imported values then contain all channels, in
+    order.
     """
     if one.channels is None:
         return None
@@ -280,7 +283,8 @@ def _time(file: Path, head: list[str], name: str) -> int:
 def _check_columns(
     file: Path, head: list[str], names: Mapping, blocks: list[slice], time: int | None
 ) -> None:
-    """Raises RecordingError if `names` uses one column of the file for two quantities."""
+    """Raises RecordingError if one column of the file has two meanings. `blocks` are the columns of each
+    patch, and `time` is the column of the times."""
     meaning = {} if time is None else {time: "time"}
     for patch, block in zip(names.skin, blocks, strict=True):
         for column in range(block.start, block.stop):
@@ -293,7 +297,8 @@ def _check_columns(
 
 
 def _columns(file: Path, head: list[str], words: str) -> slice:
-    """Returns the columns of a header that `words` names, as NAME or FIRST:LAST."""
+    """Returns the range of columns that `words` names: one column NAME, or several as FIRST:LAST. `head`
+    contains the names of all columns of the file."""
     first, _, last = words.partition(":")
     try:
         begin, end = head.index(first), head.index(last or first)

@@ -76,9 +76,9 @@ def compact(
 
 
 def _between(recording: Recording, begin: float, end: float) -> Iterator[Stamped]:
-    """Yields the messages between two times.
+    """Yields the messages of a recording from `begin` to `end` [s].
 
-    The latest joints and skin frames from before `begin` are yielded first.
+    The latest joints and skin frames from before `begin` come first, with the time `begin`.
     """
     first = to_nanoseconds(begin) if np.isfinite(begin) else 0
     last = to_nanoseconds(end) if np.isfinite(end) else 2**63

@@ -71,7 +71,8 @@ def _frames(
     number: int, stamp: float, found: tuple[SkinContact, ...], patches: dict[str, Patch],
     live: dict[str, set[int]], left_out: list[SkinContact],
 ) -> tuple[SkinFrame, ...]:  # fmt: skip
-    """Returns the frames of a contact list.
+    """Converts the contacts `found` to one raw skin frame for each of the `patches`, with the time `stamp`
+    [s] and the sequence number `number`.
 
     `live` contains, by patch, the channels that are taxels. A contact with none of these taxels is appended
     to `left_out`.

@@ -99,11 +99,11 @@ def _tables(folder: Path) -> Iterator[tuple[str, Array]]:
 
 
 def _own_table(robot: Robot, surface: Surface) -> Array:
-    """Returns the positions (n, 3) [m] of a patch's channels.
+    """Returns the positions (n, 3) [m] of the n channels of a patch.
 
-    If the patch has a file of positions, the result contains the positions in this file. In the file,
-    channels without a taxel are at 0, as in skinManager. For other patches the positions are in the frame of
-    the link, and channels without a taxel are NaN.
+    If the description refers to a file of positions for this patch, returns the positions in this file, in
+    which channels without a taxel are at 0, as in skinManager. For other patches the positions are in the
+    frame of the link, and channels without a taxel are NaN.
     """
     description = robot.patch(surface.patch)
     if isinstance(description.surface, Table):
@@ -116,7 +116,8 @@ def _own_table(robot: Robot, surface: Surface) -> Array:
 
 
 def _means(taxels: list[NDArray[np.intp]], positions: Array) -> Array:
-    """Returns the mean positions (k, 3) [m] of each contact's taxels.
+    """Returns the mean position (k, 3) [m] of the taxels of each of k contacts; `positions` (n, 3) [m] are
+    those of all channels.
 
     The mean is NaN if a contact has no taxel, or a taxel without a position.
     """
@@ -126,22 +127,22 @@ def _means(taxels: list[NDArray[np.intp]], positions: Array) -> Array:
 
 
 def _off(centres: Array, taxels: list[NDArray[np.intp]], positions: Array) -> Array:
-    """Returns the distances [m] of the recorded centres (k, 3) from the mean positions of the contacts'
-    taxels.
+    """Returns the distances [m] between the recorded `centres` (k, 3) [m] of k contacts and the mean
+    positions of the contacts' `taxels`.
 
-    The means are computed from the `positions` of a table. Contacts whose mean is NaN are left out.
+    `positions` (n, 3) [m] are the positions of all channels in the table that is tried. Contacts whose mean
+    position is unknown are left out.
     """
     away: Array = np.linalg.norm(_means(taxels, positions) - centres, axis=1)
     return away[np.isfinite(away)]
 
 
 def _off_skin(centres: Array, taxels: list[NDArray[np.intp]], positions: Array) -> Array:
-    """Returns the distances [m] of the recorded centres (k, 3) from the mean positions of the contacts'
-    taxels.
+    """Returns the distances [m] between the recorded `centres` (k, 3) [m] of k contacts and the mean
+    positions of the contacts' `taxels`, computed from the `positions` (n, 3) [m] of all channels.
 
-    If these distances are large, the mean positions are first moved by the rigid motion that brings them
-    closest to the centres, because the frame in a description may differ from the frame in the recorded
-    table.
+    If these distances are large, all mean positions are first rotated and moved together so that they fit the
+    centres, because the frame in a description may differ from the frame in the recorded table.
     """
     means = _means(taxels, positions)
     known = np.isfinite(means).all(axis=1)

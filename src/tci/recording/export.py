@@ -126,7 +126,7 @@ def _decision(fields: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
 
 
 def _table(rows: list[tuple[float, dict[str, Any]]]) -> Table:
-    """Converts rows to columns.
+    """Converts rows, each a time [s] and its values by column name, to a table.
 
     Missing values are NaN, for example the values of a servo before its first command.
     """
@@ -150,7 +150,8 @@ def _skin(patch: str, frames: list[SkinFrame]) -> Table:
 def _perceived_tables(
     recording: Recording, robot: Robot, frames: dict[str, list[SkinFrame]]
 ) -> tuple[dict[str, Table], Table]:
-    """Computes pressure and force for the `frames` of each patch, and the contacts in these frames."""
+    """Returns a table of pressures and forces by patch, with a row for each of the patch's `frames`, and one
+    table of all contacts in these frames."""
     row = {patch: {(f.stamp, f.sequence): k for k, f in enumerate(some)} for patch, some in frames.items()}
     perceived: dict[str, Table] = {}
     contacts: dict[tuple[str, float, int, int], tuple[Any, ...]] = {}

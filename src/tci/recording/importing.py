@@ -16,7 +16,7 @@ from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 
 FROM_FILE = "file"
-"""Middleware in the metadata of a recording whose data came from a file of arrays, over no middleware."""
+"""Value of `middleware` in the metadata of a recording that was made from a file of arrays."""
 FIRST = 100
 """Number of readings at the start of a file from which TCI estimates the recording's period. The period is
 the median of their intervals. Assumed: with fewer readings the period would depend on single delays. With

@@ -24,10 +24,11 @@ class Perceived:
     reading: Reading
     """Reading of the robot."""
     perception: Perception
-    """Posture and contacts. If this reading does not fit the robot, posture and contacts are those of the
-    previous period."""
+    """Posture and contacts. If `reading` does not fit the robot, posture and contacts are those of the last
+    period with a fitting reading."""
     commands: tuple[dict[str, Any], ...]
-    """Commands of the behaviour. Each command has the fields of `schemas.COMMAND`."""
+    """Commands of the behaviour. Each command has the keys `kind`, `part`, `mode`, `values`, `point`,
+    `nearest` and `servos`."""
     decision: dict[str, Any] | None
     """The gate's decision in this period, with the fields of `schemas.DECISION`. The value is None if nothing
     was sent to the robot."""

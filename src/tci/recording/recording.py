@@ -44,7 +44,8 @@ LARGEST = 64 * 2**20
 """Largest size [bytes] of a record, and of a chunk after decompression. Assumed: records and chunks of TCI's
 own recordings are smaller than 2 MiB."""
 _PERIODS = (1e-4, 10.0)
-"""Shortest and longest period [s] that is accepted. Assumed: no control loop has a period outside this range.
+"""Shortest and longest control period [s] that is accepted in a recording. Assumed: no control loop has a
+period outside this range.
 """
 _DECISIONS = {"1": DECISION_1, str(FORMAT): DECISION}
 """Message type of decisions for each recording format that can be read."""
@@ -61,14 +62,14 @@ class RecordedTick:
     commands: tuple[dict[str, Any], ...]
     """Commands of the capability. Each command has the fields of `schemas.COMMAND`."""
     decision: dict[str, Any] | None
-    """Decision that was sent to the robot, with the fields of `schemas.DECISION`. The value is None if
-    nothing was sent.
+    """Command that the gate passed and the driver sent, with the fields of the message `schemas.DECISION`.
+    The value is None if nothing was sent.
     """
 
 
 @dataclass(slots=True)
 class _State:
-    """Latest joints and frames before one position in the file."""
+    """Latest joint data and skin frames before a position in the file, while the file is read."""
 
     joints: dict[str, Any] | None = None
     gravity: Array | None = None
@@ -210,7 +211,7 @@ class Recording:
         return Reading(to_joints(state.joints, tick, state.gravity), skin)
 
     def _records(self) -> Iterator[Any]:
-        """Yields every record outside and inside chunks.
+        """Yields every record of the file, also the records inside chunks.
 
         Stops at the end of the file, or at the byte where the file was cut off.
         """

@@ -108,9 +108,9 @@ def _stamp(message: Any) -> float:
 
 
 def _joints(message: Any, robot: Robot, stamp: float, number: int) -> JointReading | None:
-    """Returns the reading in a JointState.
+    """Returns the joint reading in a ROS message of the type JointState, with the time `stamp` [s].
 
-    `stamp` [s] becomes the time of the reading. Returns None if a servo of the robot is missing.
+    Returns None if a servo of the robot is missing, or if the message does not have one angle for each name.
     """
     index = {name: place for place, name in enumerate(message.name)}
     names = zip(servo_names(robot), robot.servos, strict=True)

@@ -207,7 +207,7 @@ def command_bytes(now: float, command: Order) -> bytes:
 
 
 def decision_bytes(sent: SafeCommand) -> bytes:
-    """Encodes a Decision."""
+    """Encodes a command that the driver sent as the message `DECISION`."""
     return encode(
         DECISION,
         (

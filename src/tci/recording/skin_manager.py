@@ -3,8 +3,8 @@ skinManager.
 
 A contact is a set of taxels linked by distances of up to skinManager's maxNeighborDist (single-link
 clusters). The geometric centre of a contact is the mean of its taxels' positions. The pressure of a contact
-is the mean of its taxels' values. The force of a contact is -0.05 N per taxel and unit of pressure, along the
-mean normal. The code was written from these conventions, without any code of skinManager.
+is the mean of its taxels' values. The force of a contact is -0.05 N times the number of taxels times the
+pressure, along the mean normal. The code was written from these conventions, without any code of skinManager.
 """
 
 from __future__ import annotations
@@ -150,7 +150,8 @@ def _contact(fields: list[Any]) -> SkinContact:
 
 
 def _parse(text: str) -> list[Any]:
-    """Parses a YARP bottle in text form into strings and nested lists."""
+    """Parses a YARP bottle (a message that consists of nested lists) in text form into strings and nested
+    lists."""
     stack: list[list[Any]] = [[]]
     for token in _TOKEN.findall(text):
         if token == "(":

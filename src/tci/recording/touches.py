@@ -50,8 +50,8 @@ class Touch:
     @property
     def commanded(self) -> float | None:
         """Time [s] of the first command to the responding part since the touch began. If this part got no
-        command, the time of the first command to the robot's own joints. The value is None if there was
-        neither."""
+        command, commands to servos by the robot's own names count instead. The value is None if there was no
+        command of either kind."""
         return self.commands.get(self.responding, self.commands.get(""))
 
     @property

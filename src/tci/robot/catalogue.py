@@ -119,7 +119,7 @@ def _entries() -> dict[str, EntryPoint]:
 
 
 def _path_of(entry: EntryPoint) -> Path:
-    """Returns the path of the description to which the entry point of another package refers."""
+    """Returns the path of the robot description to which the entry point of another package refers."""
     try:
         given = entry.load()
         path = given() if callable(given) else given

@@ -107,8 +107,8 @@ class Clearance:
         return str(first.name), str(second.name)
 
     def _pose(self, position: Array) -> Array:
-        """Moves the model to `position`. Returns a lower bound (m,) [m] on the distance of each pair,
-        computed from bounding spheres."""
+        """Moves the model to the servo angles `position` (n_servos,) [rad]. Returns a lower bound (m,) [m] on
+        the distance of each of the m pairs of geoms, computed from bounding spheres."""
         if np.shape(position) != (self._count,):
             raise CommandError(f"position of shape {np.shape(position)}; the robot has {self._count} servos")
         data = self._data
@@ -152,8 +152,9 @@ def _pairs(model: mujoco.MjModel) -> NDArray[np.intp]:
 
 @lru_cache(maxsize=8)
 def _levers(robot: Robot) -> Array:
-    """Returns `Clearance.levers`. The result is cached, because each gate needs it and computing it for an
-    iCub takes 10 ms."""
+    """Returns for each servo (n_servos,) an upper bound [m/rad] on the change of the distance between any two
+    links, per radian by which the servo turns. The result is cached, because each gate needs it and computing
+    it for an iCub takes 10 ms."""
     model = _solid_model(robot)
     servos, _, columns = joints_of(robot, model)
     solid = set(_pairs(model).ravel().tolist())
@@ -164,8 +165,8 @@ def _levers(robot: Robot) -> Array:
 
 
 def _lever(model: mujoco.MjModel, column: int, geoms: set[int]) -> float:
-    """Returns an upper bound [m] on the distance between the axis of a joint and any point of those `geoms`
-    that the joint moves."""
+    """Returns an upper bound [m] on the distance between the axis of the joint `column` and any point of
+    those `geoms` that the joint moves."""
     carrier = int(model.dof_bodyid[column])
     anchor = float(np.linalg.norm(model.jnt_pos[model.dof_jntid[column]]))
     farthest = 0.0

@@ -71,8 +71,8 @@ def solid_spec(robot: Robot, *, shown: bool = False, mimics: bool = True) -> muj
 
 
 def _set_self_collisions(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """Sets the collision bits of each geom. Geoms that do not collide according to the model file never
-    collide."""
+    """Sets MuJoCo's collision bits of each geom, so that the arms can collide with each other and with all
+    other links. Geoms that do not collide according to the model file never collide."""
     arms = _arms(spec, robot)
     solid = [geom for geom in spec.geoms if geom.contype or geom.conaffinity]
     shown = [geom for geom in spec.geoms if not (geom.contype or geom.conaffinity)]
@@ -135,8 +135,9 @@ def nearby(
 
 
 def _overlapping(model: mujoco.MjModel, robot: Robot, posture: Array) -> list[tuple[int, int]]:
-    """Returns the pairs of bodies, by their index in MuJoCo, that are in contact at `posture` (n_servos,)
-    [rad], or are near each other at `posture` and in nearly all random postures (see `MOST`)."""
+    """Returns the pairs of bodies, as indices in MuJoCo, that are near each other by construction: they are
+    in contact at `posture` (n_servos,) [rad], or near each other at `posture` and in nearly all random
+    postures."""
     overlapping = set(nearby(model, robot, posture))
     if near := nearby(model, robot, posture, within=NEAR).keys() - overlapping:
         ends = np.array([posture, posture])
@@ -153,8 +154,8 @@ def _overlapping(model: mujoco.MjModel, robot: Robot, posture: Array) -> list[tu
 
 
 def _arms(spec: mujoco.MjSpec, robot: Robot) -> dict[str, tuple[int, int]]:
-    """Returns two numbers for each body of the model that an arm moves: the collision bit of the arm (LEFT or
-    RIGHT), and the number of the arm's joints between the trunk and this body."""
+    """Returns, by name, two numbers for each body of the model that an arm moves: the collision bit of the
+    arm (LEFT or RIGHT), and the number of the arm's joints between the trunk and this body."""
     found = {}
     for part in robot.parts:
         if part.kind != "arm":

@@ -76,8 +76,8 @@ class Dynamics:
         return inertia, bias
 
     def _add(self, body: int, mass: float, centre: Array) -> None:
-        """Adds a point mass to a body: computes the new centre of mass of the body, and its inertia about
-        this centre."""
+        """Adds a point mass to a body of the MuJoCo model: `mass` [kg] at the point `centre` (3,) [m] in the
+        frame of the body. `body` is the index of the body in the model."""
         model = self._model
         own, before = float(model.body_mass[body]), model.body_ipos[body].copy()
         entries = np.empty(9)

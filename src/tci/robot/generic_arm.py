@@ -86,7 +86,8 @@ def forearm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
 
 
 def segment_rotation(segment: str, posture: Array, side: Side, *, axial: bool = False) -> Array:
-    """Returns the rotation `R_MS` (3, 3) of the segment `upper_arm` or `forearm` in the mount frame M."""
+    """Returns the rotation `R_MS` (3, 3) of the segment `upper_arm` or `forearm` in the mount frame M. If
+    `axial` is False, the segment's rotation about its own axis is left out."""
     rotation = {"upper_arm": upper_arm_rotation, "forearm": forearm_rotation}[segment]
     return rotation(posture, side, axial=axial)
 

@@ -29,8 +29,8 @@ class Gravity:
     """
 
     def __init__(self, robot: Robot) -> None:
-        """Reads the model. Raises the errors that `weighted_model` raises, and DescriptionError if the joint
-        of a servo is missing in the model."""
+        """Reads the model. Raises DescriptionError if the robot has no model, or if the model lacks the joint
+        of a servo or the mass of a moved link. Raises UnknownNameError if the model lacks the torso."""
         self._model, self._torso = weighted_model(robot)
         assert robot.model is not None  # `weighted_model` raises an error for a robot without a model
         self._data = mujoco.MjData(self._model)
@@ -94,9 +94,9 @@ def weighted_model(robot: Robot) -> tuple[mujoco.MjModel, int]:
 
 @lru_cache(maxsize=16)
 def _weighted_model(description: Model, _: int) -> tuple[mujoco.MjModel, int]:
-    """Returns the model that `description` names. The second argument is the time [ns] at which the model's
-    file was last written, so that a changed file is read again. The model is cached, because reading an
-    iCub's model takes 60 ms: callers must not modify it."""
+    """Returns the MuJoCo model that `description` names, with masses and gravity, and the index of its torso
+    body. The second argument is the time [ns] at which its file was last written, so that a changed file is
+    read again. Callers must not modify the model."""
     model = bare_model(description)
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     links = [model.body(index).name for index in range(1, model.nbody)]

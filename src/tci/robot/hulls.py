@@ -58,11 +58,9 @@ def _corners(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> NDArray[np.float32] |
 
 @lru_cache(maxsize=1024)
 def _hull_of(file: str, written: int, place: tuple[float, ...], inertia: int) -> NDArray[np.float32] | None:
-    """Returns the corners (n, 3) [m] of the convex hull that MuJoCo computes for a mesh file. `written` is
-    the time [ns] at which the file was last changed. `place` contains MuJoCo's scale (3), refpos (3) and
-    refquat (4) of the mesh, and `inertia` its mjtMeshInertia.
-
-    The result is cached, because the models of the gate and of a simulation have the same hulls.
+    """Returns the corners (n, 3) [m] of the convex hull that MuJoCo computes for a mesh file; None if there
+    is no hull. `written` is the time [ns] of the last change of the file. `place` contains MuJoCo's scale
+    (3), refpos (3) and refquat (4) of the mesh, and `inertia` its mjtMeshInertia.
     """
     spec = mujoco.MjSpec()
     mesh = spec.add_mesh(

@@ -154,8 +154,8 @@ class InverseKinematics:
     def _come_nearer(
         self, target: Array, present: Array, first: Array, answer: InverseAnswer
     ) -> tuple[InverseAnswer, int]:
-        """Moves the solution along the null space towards the posture `first` (k,) [rad], as long as the
-        distance between solution and `first` decreases. Returns the solution and the number of steps."""
+        """Brings the solution `answer` nearer to the posture `first` (k,) [rad] of the servos that may move,
+        while the point stays at the target. Returns the new solution and the number of steps."""
         steps = 0
         for _ in range(self._settings.slides):
             angles = answer.position[self._chosen]
@@ -176,16 +176,18 @@ class InverseKinematics:
         return answer, steps
 
     def _starts(self, first: Array) -> Array:
-        """Returns further starting postures (m, k) [rad] of the k servos, sorted by their distance from
-        `first` (k,) [rad], the first starting posture. The postures are random within the limits, from a
-        fixed seed."""
+        """Returns the postures (m, k) [rad] of the k servos at which the search starts again if it fails from
+        the posture `first` (k,) [rad]. They are random within the limits, but equal in all runs, and sorted
+        by their distance from `first`."""
         shares = np.random.default_rng(0).random((self._settings.starts - 1, len(first)))
         starts = self._lower + shares * (self._upper - self._lower)
         order: Array = starts[np.argsort(np.linalg.norm(starts - first, axis=1))]
         return order
 
     def _descend(self, target: Array, present: Array, start: Array) -> InverseAnswer:
-        """Runs damped least squares from one starting posture (k,) [rad]."""
+        """Searches for angles that bring the point to `target`, from the posture `start` (k,) [rad] of the
+        servos that may move, by damped least squares. Returns the best posture, also if the target was not
+        reached."""
         s = self._settings
         position = present.copy()
         angles = start
@@ -222,7 +224,8 @@ class InverseKinematics:
         return InverseAnswer(read_only(position), self._reached(error), distance, angle, step)
 
     def _inside(self, angles: Array, present: Array) -> Array:
-        """Projects the angles (k,) [rad] onto the limits and couplings."""
+        """Returns the `angles` (k,) [rad] of the servos that may move, changed so that they are within limits
+        and couplings."""
         angles = np.clip(angles, self._lower, self._upper)
         if not len(self._rows):
             return angles
@@ -239,9 +242,10 @@ class InverseKinematics:
         return angles
 
     def _error(self, target: Array, position: Array) -> tuple[Array, Array]:
-        """Returns the error and its Jacobian: (3,) [m] and (3, k) for a position, (6,) and (6, k) for a pose.
-        For a pose, the angular part [rad] is multiplied by the setting `length` [m], so all numbers are
-        lengths."""
+        """Returns the difference between `target` and the present place of the point, and the Jacobian of the
+        point for the k servos that may move. The shapes are (3,) and (3, k) for a target position [m], (6,)
+        and (6, k) for a target pose (4, 4). For a pose, the angular parts [rad] are multiplied by the setting
+        `length` [m]."""
         T_TP, jacobian = self._kinematics.pose_and_jacobian(position, self._link, point=self._point)
         jacobian = jacobian[:, self._chosen]
         if target.shape == (3,):

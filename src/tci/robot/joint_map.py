@@ -135,9 +135,8 @@ class JointMap:
     def driven_speeds(self, position: Array) -> Array:
         """Returns the largest permitted speeds (k,) [rad/s] of `servos` in velocity and torque mode.
 
-        At these speeds, no generic joint exceeds its speed in the description. This includes the joints of a
-        retargeted shoulder, while `speeds` limits only the servos there. Raises CommandError if a transform
-        has no derivative at `position` (n_servos,) [rad].
+        At these speeds, no generic joint exceeds its speed in the description, also in a retargeted shoulder.
+        Raises CommandError if a transform has no derivative at `position` (n_servos,) [rad].
         """
         if self._slope is not None:
             return self.speeds(position)
@@ -192,7 +191,7 @@ class Postures:
 @per_robot
 def joint_map(robot: Robot, name: str) -> JointMap:
     """Returns the map of a generic part by its name. Raises UnknownNameError if there is no such part, and
-    the errors that the transforms raise."""
+    DescriptionError if a retargeted shoulder does not fit the kinematic model."""
     return JointMap(robot, robot.part(name))
 
 

@@ -81,7 +81,8 @@ class KinematicChain:
         return dict(zip(names, self.pose_array(position, names), strict=True))
 
     def pose_array(self, position: Array, links: tuple[str, ...]) -> Array:
-        """Returns `T_TL` (l, 4, 4) of `links`. The arguments and errors are those of `poses`."""
+        """Returns `T_TL` (l, 4, 4), the poses in the torso frame, of l `links`, at the servo angles
+        `position` (n_servos,) [rad]. Raises the errors of `poses`."""
         found = self._asked.get(links)
         if found is None:
             ends = self.ends([self.body(link) for link in links])
@@ -105,8 +106,10 @@ class KinematicChain:
         return self.pose_and_jacobian(position, link, point=point)[1]
 
     def pose_and_jacobian(self, position: Array, link: str, *, point: Array = _ORIGIN) -> tuple[Array, Array]:
-        """Returns the pose `T_TP` (4, 4) and the Jacobian, see `jacobian`. The pose has the orientation of
-        the link and the position of `point`. One call is faster than calls of `pose_array` and `jacobian`."""
+        """Returns the pose `T_TP` (4, 4) and the Jacobian (6, n_servos) of `point` (3,) [m], given in the
+        frame of `link`. Rows 0-2 of the Jacobian are the linear velocity, rows 3-5 the angular velocity. The
+        pose has the orientation of the link and the position of `point`. One call is faster than calls of
+        `pose_array` and `jacobian`."""
         if np.shape(point) != (3,):
             raise CommandError(f"point of shape {np.shape(point)}; valid: (3,)")
         found = self._jacobians.get(link)
@@ -142,8 +145,9 @@ class KinematicChain:
         return np.array([self._after[body] for body in bodies], np.int64)
 
     def path(self, ends: Iterable[int]) -> Indices:
-        """Returns a table (k, 2) of the k steps (see the module) from the model's root to the torso and to
-        some links. `ends` are the indices of the last steps to these links. Parents come first.
+        """Returns a table (k, 2) of k rows of `steps`: all steps on the paths from the model's root to the
+        torso and to some links. `ends` are the indices in `steps` of the last step to each link. Parents come
+        first.
 
         The first column is the index of the step. The second column is 1 if the step's servo moves the first
         of these links but not the torso, -1 if the servo moves the torso but not this link, and 0 otherwise.
@@ -170,7 +174,8 @@ class KinematicChain:
         return poses
 
     def _above(self, step: int) -> list[int]:
-        """Returns indices in `steps`: `step`, and all steps before it, up to the root of the model."""
+        """Returns the indices of `step` and of all steps before it, up to the root of the model. A step is a
+        fixed offset or a joint."""
         result = []
         while step >= 0:
             result.append(step)
@@ -185,7 +190,7 @@ class KinematicChain:
 
 
 class _Mimics:
-    """Joints that follow a servo."""
+    """Mimic joints of a robot: joints that follow a servo. Their indices follow those of the servos."""
 
     def __init__(self, robot: Robot) -> None:
         found = [(servo, one) for servo in robot.servos for one in servo.mimics]
@@ -196,8 +201,8 @@ class _Mimics:
         self._offset = np.array([one.offset for _, one in found])
 
     def leader(self, servo: int) -> int:
-        """Returns the servo that a mimic joint follows. For a servo that is not a mimic joint, returns the
-        servo itself."""
+        """Returns the index of the servo that a mimic joint follows. `servo` is the index of the mimic joint,
+        counted after the servos; the index of a servo is returned unchanged."""
         return servo if servo < self._first else int(self._servos[servo - self._first])
 
     def extended(self, position: Array) -> Array:
@@ -207,8 +212,8 @@ class _Mimics:
         return np.concatenate([position, position[..., self._servos] * self._multiplier + self._offset], -1)
 
     def folded(self, jacobian: Array) -> Array:
-        """Adds the columns of mimic joints to the columns of the servos that they follow. Returns the
-        Jacobian (6, n_servos)."""
+        """Returns the Jacobian (6, n_servos) of the servos, in which each servo also moves its mimic joints.
+        The argument has additional columns for the mimic joints, after those of the servos."""
         if not self.count:
             return jacobian
         own, others = jacobian[:, : self._first].copy(), jacobian[:, self._first :] * self._multiplier
@@ -217,7 +222,8 @@ class _Mimics:
 
 
 class _Steps:
-    """The steps (see the top of this file) of the paths from the root of a model to all its bodies."""
+    """Table of all steps on the paths from the root of a model to its bodies. A step is a fixed offset or a
+    joint."""
 
     def __init__(self, robot: Robot, model: mujoco.MjModel) -> None:
         servos, _, columns = joints_of(robot, model)
@@ -243,7 +249,9 @@ class _Steps:
     def add(
         self, before: int, sums: Array, servo: int = -1, slides: bool = False, axis: Array | None = None
     ) -> int:
-        """Appends a step and returns its index."""
+        """Appends a step, which is a fixed offset or a joint, and returns its index. `before` is the index of
+        the previous step (-1 for the world), `servo` that of the joint's servo (-1 for none). `sums` and
+        `axis` are explained in `KinematicChain.sums` and `pose_and_jacobian`."""
         self.steps.append((before, servo, slides))
         self.sums.append(sums)
         self.axes.append(np.zeros((2, 3)) if axis is None else axis)
@@ -283,7 +291,8 @@ def bare_model(model: Model) -> mujoco.MjModel:
 
 
 def _shared_model(model: Model) -> mujoco.MjModel:
-    """Returns the model that all callers share. It must not be modified."""
+    """Returns MuJoCo's form of a model, with bodies and joints only. All callers get the same object, so they
+    must not modify it."""
     return _bare_model(model, written(model))
 
 
@@ -295,9 +304,8 @@ def written(model: Model) -> int:
 
 @lru_cache(maxsize=16)
 def _bare_model(model: Model, _: int) -> mujoco.MjModel:
-    """Returns MuJoCo's form of a model, reduced to what kinematics need. The result is cached, because
-    reading an iCub's model takes 60 ms. The second argument, the time [ns] at which the file was written,
-    makes the cache read a changed file again."""
+    """Returns MuJoCo's form of a model, reduced to what kinematics need. The second argument is the time [ns]
+    at which its file was last written, so that a changed file is read again."""
     spec = load_spec(model)
     useless = (spec.sensors, spec.actuators, spec.equalities, spec.tendons, spec.pairs, spec.excludes)
     for element in [element for group in (*useless, spec.geoms, spec.meshes) for element in group]:
@@ -308,10 +316,10 @@ def _bare_model(model: Model, _: int) -> mujoco.MjModel:
 
 
 def at_zero(model: mujoco.MjModel, joint: int) -> Array:
-    """Returns the transform (4, 4) by which a hinge or slide joint moves its body, in the body's frame, while
-    the joint is at 0.
+    """Returns the pose (4, 4) of a body while its hinge or slide joint is at 0, relative to the body's pose
+    in the model file.
 
-    The transform is the identity, unless the model gives the joint a reference angle.
+    This pose is the identity, unless the model gives the joint a reference angle.
     """
     still, cos, _ = _moving(model, joint)
     pose = np.eye(4)

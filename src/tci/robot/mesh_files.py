@@ -88,8 +88,8 @@ def _by_name(folder: Path) -> dict[str, list[Path]]:
 
 
 def _most_alike(wanted: Path, files: list[Path]) -> Path | None:
-    """Returns the file with the most path components equal to those of `wanted`, counted from the end; None
-    if `files` is empty."""
+    """Returns the one of `files` whose path agrees with the end of the path `wanted` in the largest number of
+    folder names; None if `files` is empty. Upper and lower case do not matter."""
 
     def alike(file: Path) -> int:
         pairs = zip(file.parts[::-1], wanted.parts[::-1], strict=False)
@@ -99,8 +99,8 @@ def _most_alike(wanted: Path, files: list[Path]) -> Path | None:
 
 
 def _other_case(places: list[Path]) -> str:
-    """Returns a hint with the name of a file that differs from the name of the missing file only in upper and
-    lower case; an empty text if there is no such file."""
+    """Returns a hint for the message about a missing file: the name of a file that differs from it only in
+    upper and lower case. Returns an empty text if there is no such file."""
     for place in places:
         if place.parent.is_dir():
             for file in place.parent.iterdir():
@@ -126,7 +126,7 @@ def _faces(path: Path) -> int:
 
 
 def _check_faces(path: Path, faces: int) -> None:
-    """Raises DescriptionError if a mesh has more faces than MuJoCo reads."""
+    """Raises DescriptionError if the mesh of the file `path` has more `faces` than MuJoCo reads."""
     if faces > MOST_FACES:
         message = f"has {faces} faces; MuJoCo reads at most {MOST_FACES}"
         raise DescriptionError(str(path), [Fault(0, message)])

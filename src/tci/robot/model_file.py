@@ -83,8 +83,8 @@ def compile_once(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def _attach(spec: mujoco.MjSpec, attachment: Attachment) -> None:
-    """Fixes another model to a link: the world of the other model becomes a child of the link. Raises
-    DescriptionError if the file of the other model can't be read."""
+    """Fixes another model to a link of the model `spec`. `attachment` names the file of the other model, the
+    link, and the pose on this link. Raises DescriptionError if the file can't be read."""
     try:
         other = mujoco.MjSpec.from_file(attachment.path)
     except ValueError as error:
@@ -122,8 +122,8 @@ def compiled(spec: mujoco.MjSpec, model: Model) -> mujoco.MjModel:
 
 
 def _read_urdf(model: Model) -> mujoco.MjSpec:
-    """Reads a URDF file, finds and converts its meshes, and sets the options that MuJoCo needs when it parses
-    the file."""
+    """Reads a URDF file as a MuJoCo specification, with meshes converted to a format that MuJoCo reads.
+    Raises DescriptionError if a mesh is missing or broken."""
     path = Path(model.path)
     parser = etree.XMLParser(resolve_entities=False, no_network=True)
     root = etree.parse(str(path), parser).getroot()
@@ -177,8 +177,8 @@ def _read_mjcf(model: Model) -> mujoco.MjSpec:
 
 
 def _place_meshes(spec: mujoco.MjSpec, model: Model) -> None:
-    """Finds the files of the meshes of an MJCF model. A specification for kinematics contains no meshes, so
-    no file is needed for it."""
+    """Sets the mesh files of the specification of an MJCF model to files that exist and that MuJoCo reads.
+    Raises DescriptionError if a mesh is missing or broken."""
     meshes = MeshFiles(Path(model.path), model.meshes)
     converted: dict[str, bytes] = {}
     for mesh in spec.meshes:
@@ -190,12 +190,12 @@ def _place_meshes(spec: mujoco.MjSpec, model: Model) -> None:
 
 
 def _drop_inferred_masses(spec: mujoco.MjSpec) -> None:
-    """Sets the mass of fixed links without `<inertial>` to 0, as URDF defines it. Otherwise MuJoCo infers a
-    mass from geometry that is only meant for collision.
+    """Sets the mass of fixed links without `<inertial>` to 0, as URDF defines it. A fixed link is a link
+    without a joint. Otherwise MuJoCo would infer a mass from the geometry, which is only meant for collision.
 
-    If the moving link that carries the fixed link has no `<inertial>` either, the file describes no masses,
-    and the inferred mass stays. The mass of the root, and of links that no joint moves, stays if the file has
-    no `<inertial>` at all.
+    The inferred mass stays if the moving link that carries the fixed link has no `<inertial>` either, because
+    the file then describes no masses. For a link that no joint moves, the inferred mass stays if the whole
+    file has no `<inertial>`.
     """
     described = any(body.explicitinertial for body in spec.bodies)
     for body in spec.bodies:
@@ -207,7 +207,8 @@ def _drop_inferred_masses(spec: mujoco.MjSpec) -> None:
 
 
 def _carrier(body: mujoco.MjsBody) -> mujoco.MjsBody | None:
-    """Returns the nearest link with a joint that carries `body`; None if no joint moves `body`."""
+    """Returns the nearest link above `body` in the model that has a joint; None if no link above `body` has a
+    joint."""
     above = body.parent
     while above is not None and above.name != "world" and not above.joints:
         above = above.parent
@@ -215,8 +216,8 @@ def _carrier(body: mujoco.MjsBody) -> mujoco.MjsBody | None:
 
 
 def _mend_inertia(spec: mujoco.MjSpec) -> None:
-    """Corrects inertias in URDF files that MuJoCo refuses: inertias of flat meshes, and physically impossible
-    inertias."""
+    """Corrects inertias that MuJoCo would refuse: those of flat meshes, and physically impossible ones in the
+    file."""
     for mesh in spec.meshes:
         mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
     for body in spec.bodies:
@@ -232,7 +233,8 @@ def _mend_inertia(spec: mujoco.MjSpec) -> None:
 
 
 def _mend_masses(spec: mujoco.MjSpec) -> None:
-    """Gives a small mass to moving links that have neither a mass nor geometry."""
+    """Gives a small mass to moving links without a mass: links with an `<inertial>` of mass 0, and links with
+    neither `<inertial>` nor geometry."""
     for body in spec.bodies:
         if body.joints and not body.mass > 0.0 and (body.explicitinertial or not body.geoms):
             body.fullinertia = np.full(6, np.nan)
@@ -240,14 +242,14 @@ def _mend_masses(spec: mujoco.MjSpec) -> None:
 
 
 def _is_of_a_mesh(error: ValueError, spec: mujoco.MjSpec) -> bool:
-    """Returns True if MuJoCo's message names a mesh of the model."""
+    """Returns True if the error that MuJoCo raised is about a mesh of the model."""
     named = re.search(r"Element name '(.*)'", str(error))
     return named is not None and named[1] in {mesh.name for mesh in spec.meshes}
 
 
 def _flat(spec: mujoco.MjSpec) -> str:
-    """Returns a text that names the links with geometry of size 0; an empty text if there are none. MuJoCo's
-    own message contains only a number instead of the names."""
+    """Returns the end of a message that names the links with geometry of size 0; an empty text if there are
+    none."""
     sized = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
     links = [geom.parent.name for geom in spec.geoms if geom.type not in sized and not geom.size[0] > 0.0]
     return f" (the shape of {', '.join(dict.fromkeys(links))}; valid: above 0)" if links else ""

@@ -73,7 +73,7 @@ def _few(points: Array, others: Array) -> bool:
 
 def _distances(points: Array, others: Array) -> Array:
     """Returns the distances (n, k) [m] of all `points` (n, 3) [m] from all `others` (k, 3) [m]. Raises
-    ValueError for coordinates that are not finite, as SciPy does."""
+    ValueError for coordinates that are not finite."""
     x, y, z = (points.T[:, :, None] - others.T[:, None]) ** 2
     result: Array = np.sqrt(x + y + z)
     if not np.isfinite(result).all():

@@ -100,8 +100,8 @@ class Shoulder:
         return rotation
 
     def _turns(self, angles: Array) -> Array:
-        """Returns the rotations (3, 3, 3) of the three servos by `angles` (3,) [rad] about their axes
-        (Rodrigues' formula)."""
+        """Returns three rotations (3, 3, 3): for each of the three servos, the rotation by its angle in
+        `angles` (3,) [rad] about its axis at zero."""
         sine, versine = np.sin(angles)[:, None, None], (1.0 - np.cos(angles))[:, None, None]
         crosses, squares = self._crosses
         turns: Array = ONE + sine * crosses + versine * squares
@@ -109,8 +109,8 @@ class Shoulder:
 
     @cached_property
     def _crosses(self) -> tuple[Array, Array]:
-        """Cross-product matrices (3, 3, 3) of the three axes, one matrix per axis, and the squares (3, 3, 3)
-        of these matrices."""
+        """Constants for `_turns`: the matrices (3, 3, 3) of the cross products with the three axes, and the
+        squares (3, 3, 3) of these matrices."""
         crosses = np.stack([cross_matrix(axis) for axis in self.axes])
         return crosses, crosses @ crosses
 
@@ -147,8 +147,8 @@ class Shoulder:
         return self._at_zero.T @ np.column_stack(vectors[2:4]), [vector.tolist() for vector in vectors]
 
     def _solve(self, R_TU: Array) -> list[Vector]:
-        """Returns one or two lists of three servo angles [rad] at which the upper arm has the rotation `R_TU`
-        (3, 3)."""
+        """Returns the servo angles at which the upper arm has the rotation `R_TU` (3, 3): one or two
+        solutions, each a list of three angles [rad]. Limits are not checked."""
         seen, (first, second, third, aside, across) = self._seen
         end, end_aside = (R_TU @ seen).T.tolist()
         along_first, along_second = _dot(first, end), _dot(second, third)

@@ -135,7 +135,8 @@ class Coupled(Transform):
         return self._matrix
 
     def _moved(self, joints: list[GenericServo]) -> list[int]:
-        """Returns the servos that move the joints, in the order of the columns of the matrix of factors."""
+        """Returns the indices of the servos that move `joints`. The transform uses this order in all of its
+        arrays."""
         return [joint.servo for joint in joints if joint.servo is not None]
 
     def _invert(self) -> Array:
@@ -207,14 +208,14 @@ def servo_speeds(slope: Array, most: Array) -> Array:
 
 
 def _piece(values: Array, nodes: Array) -> NDArray[np.intp]:
-    """Returns the index (k,) of the section of a table that contains each value or is nearest to it. `nodes`
-    (m,) must increase."""
+    """Returns, for each of `values` (k,), the index of the section between two `nodes` that contains the
+    value or is nearest to it. The nodes must increase."""
     return np.clip(np.searchsorted(nodes, values) - 1, 0, len(nodes) - 2)
 
 
 def _interpolate(values: Array, nodes: Array, results: Array) -> Array:
-    """Interpolates linearly between `nodes` (m,) and extrapolates beyond their ends. The nodes must
-    increase."""
+    """Returns the value of a piecewise linear function at each of `values` (k,). The function goes through
+    the points (`nodes[i]`, `results[i]`), and continues linearly beyond the ends. The nodes must increase."""
     piece = _piece(values, nodes)
     share = (values - nodes[piece]) / (nodes[piece + 1] - nodes[piece])
     result: Array = results[piece] + share * (results[piece + 1] - results[piece])

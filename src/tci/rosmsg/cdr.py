@@ -76,7 +76,8 @@ class MessageType:
 
 
 def encode(kind: MessageType, values: Sequence[Any]) -> bytes:
-    """Returns the bytes of a message. The `values` must have the order of `MessageType.flat`."""
+    """Returns the bytes of a message. The `values` are in the order of the message's fields; if the message
+    has a header, `sec`, `nanosec` and `frame_id` come first."""
     out = bytearray()
     _fields(out, kind, kind.flat, values)
     return ENCAPSULATION + bytes(out)
@@ -177,8 +178,8 @@ class _Reader:
         return STRUCTS[item].unpack(self._take(SIZES[item], SIZES[item]))[0]
 
     def count(self, least: int) -> int:
-        """Reads the declared number of items. Raises RecordingError if too few bytes remain for items of
-        `least` bytes each."""
+        """Reads the number of items of the sequence that follows in the message. Raises RecordingError if too
+        few bytes remain for this number of items, each of at least `least` bytes."""
         count = int(self.number("uint32"))
         if count * least > len(self._data) - self._at:
             raise RecordingError(f"{self._name}: {count} items declared, too few bytes for them")
@@ -189,7 +190,8 @@ class _Reader:
         return raw.removesuffix(b"\0").decode("utf-8", "surrogateescape")
 
     def numbers(self, item: str, many: int = 0) -> Any:
-        """Reads a sequence of numbers. With `many`, reads an array of this length."""
+        """Reads numbers of the type `item`, for example `float64`. `many` is their number; with 0, the number
+        is read from the message first."""
         size = SIZES[item]
         count = many or self.count(size)
         return np.frombuffer(self._take(count * size, size if count else 1), dtype=DTYPES[item])

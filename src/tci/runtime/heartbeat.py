@@ -1,8 +1,8 @@
 """Sends and checks heartbeats between TCI processes on one machine. A heartbeat is a small UDP datagram.
 
 Each required process sends beats. The process that owns the driver receives the beats and holds the robot if
-no beat of a required process arrives for `TIMEOUT`. To use heartbeats, pass `Listener.fault` to `run` as the
-argument `guard`.
+no beat of a required process arrives for 80 ms (`TIMEOUT`). To use heartbeats, pass `Listener.fault` to `run`
+as the argument `guard`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ INTERVAL = 0.02
 _FORM = struct.Struct("<4sQ16sI")
 _MAGIC = b"TCIb"
 _PER_CALL = 64
-"""Largest number of datagrams that one call of `Listener.fault` reads. Without this limit, a call would last
+"""Largest number of datagrams that one check of the heartbeats reads. Without this limit, a check would last
 too long if very many datagrams arrive."""
 
 

@@ -44,9 +44,9 @@ REST = 0.5
 """Longest time [s] that the loop waits at the end of a run until the robot is at rest. Assumed: with the
 accelerations in the descriptions, robots come to rest in less time."""
 LET_GO = 0.1
-"""Length [s] of the last part of the time `REST`, for which the loop waits at the end of a run. In this part
-the loop reads no sensor data. The gate then sets all torques to zero, because its data is too old. Otherwise
-a joint in torque mode would keep its last torque."""
+"""Length [s] of the last part of the waiting time `REST` at the end of a run. In this part the loop reads no
+sensor data. The gate then sets all torques to zero, because its data is too old. Otherwise a joint in torque
+mode would keep its last torque."""
 STILL = 1e-6
 """Commanded speed [rad/s] below which a joint counts as at rest. Assumed: larger than rounding errors, and
 far smaller than the speed of any motion."""
@@ -225,16 +225,16 @@ class _Loop(Generic[Memory]):
         self.report.work.add(time.perf_counter() - begin)
 
     def warm_up(self, now: float) -> None:
-        """Keeps the machine code that executes a command in the processor's caches. Does so once in `WARM_UP`
-        periods, and only if half of the period that began at `now` [s] is left."""
+        """Executes the code of a command without effect, so that the next real command takes less time. Does
+        so once in `WARM_UP` periods, and only if half of the period that began at `now` [s] is left."""
         if self._warm_up is None or self.report.ticks % WARM_UP:
             return
         if self.driver.clock.now() - now < self._period / 2:
             self._warm_up.step()
 
     def end(self, duration: float | None) -> None:
-        """Counts the missed periods between the last tick and the end of the run. The run ends `duration` [s]
-        after its start."""
+        """Adds the periods that were missed between the last tick and the end of the run to the report. The
+        run lasts `duration` [s]; with None, nothing is added."""
         if duration is None or self._before is None:
             return
         missed = math.ceil(duration / self._period - ROUNDING) - self._period_of(self._before) - 1
@@ -243,8 +243,8 @@ class _Loop(Generic[Memory]):
             self.report.missed += missed
 
     def _timing(self, now: float) -> Reason | None:
-        """Counts the missed periods since the previous tick. Returns a reason to hold the robot if `MISSED`
-        or more periods were missed, otherwise None.
+        """Adds the periods that were missed since the previous tick to the report. Returns a reason to hold
+        the robot if `MISSED` (3) or more periods were missed, otherwise None. `now` [s] is the present time.
         """
         period = self._period
         if self._before is None:
@@ -270,8 +270,9 @@ class _Loop(Generic[Memory]):
         return int((now - self._start) / self._period + ROUNDING)
 
     def _perceive(self, reading: Reading, now: float) -> Perception | None:
-        """Returns the perception of a reading. Returns None if the reading does not fit the robot's
-        description. If no reading fits for longer than `PERSISTS`, stops the gate.
+        """Returns the perception of a reading; None if the skin frames of the reading do not fit the robot's
+        description. If no reading fits for longer than `PERSISTS` (0.1 s), stops the gate. `now` [s] is the
+        present time.
         """
         try:
             self._perception = self.perceiver.step(reading, now)
@@ -285,8 +286,8 @@ class _Loop(Generic[Memory]):
         return self._perception
 
     def finish(self) -> None:
-        """Brings moving joints to rest with a hold, and then ends the hold. This is needed at the end of a
-        run, because no later tick would end the motion of the joints.
+        """Brings joints that still move at the end of a run to rest: holds the robot until they are at rest,
+        and then ends the hold.
         """
         if self._sent is None or not _moves(self._sent):
             return
@@ -299,8 +300,8 @@ class _Loop(Generic[Memory]):
                 return
 
     def stop(self, reason: str, cause: BaseException) -> None:
-        """Stops the gate and brings the robot to rest. If bringing the robot to rest raises an error, adds a
-        note about this error to `cause`.
+        """Stops the gate and brings the robot to rest after the error `cause`. `reason` is the text that the
+        gate reports. If bringing the robot to rest raises another error, adds a note about it to `cause`.
         """
         self.driver.gate.stop(Reason(Code.PROGRAM_FAILED, reason))
         try:
@@ -310,8 +311,8 @@ class _Loop(Generic[Memory]):
 
     def _rest(self, halt: Callable[[], None] | None = None) -> None:
         """Writes commands until the commanded speeds and torques of all joints are zero, but for at least
-        four periods (`MISSED` + 1). So a process that misses three commands still receives the fourth. Calls
-        `halt`, if given, in each period.
+        four periods. So a process that misses three commands still receives the fourth. Calls `halt`, if
+        given, in each period.
         """
         for count, sent in enumerate(self._writes(halt), start=1):
             if count > MISSED and not _moves(sent):
@@ -319,8 +320,9 @@ class _Loop(Generic[Memory]):
 
     def _writes(self, halt: Callable[[], None] | None = None) -> Iterator[SafeCommand]:
         """Runs the gate without new orders and writes the resulting command, once per period, for at most
-        `REST` [s]. Yields each command that was sent. Continues after a failed write, since other parts of
-        the robot may still receive commands. Raises the error of the last write if the last write failed.
+        `REST` (0.5 s). Calls `halt`, if given, in each period. Yields each command that was sent. Continues
+        after a failed write, since other parts of the robot may still receive commands. Raises the error of
+        the last write if the last write failed.
         """
         driver = self.driver
         failure: Exception | None = None
@@ -345,5 +347,6 @@ class _Loop(Generic[Memory]):
 
 
 def _moves(sent: SafeCommand) -> bool:
-    """Returns True if a command contains a speed of at least `STILL`, or a torque that is not zero."""
+    """Returns True if the command that was sent moves a joint: if it contains a speed of at least `STILL`
+    (1e-6 rad/s), or a torque that is not zero."""
     return bool(np.any(np.abs(sent.velocity) >= STILL) or np.any(sent.torque))

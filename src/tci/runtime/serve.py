@@ -43,7 +43,8 @@ def serve(
 
     If the driver is not armed, clients can read but not command the robot. If an order does not fit the
     robot, the server refuses the order, and the robot does not move. The server uses `clock`, by default the
-    machine's clock, to notice that this process stood still. Raises the errors of `run`.
+    machine's clock, to notice that this process stood still. Raises errors as `run` does, for example
+    DriverError if another process commands the robot.
     """
     orders = _Orders(server, served if served is not None else Served(), clock or MonotonicClock())
 
@@ -61,7 +62,7 @@ def serve(
 
 
 class _Orders(Capability[None]):
-    """Capability that returns the orders of other programs to the loop."""
+    """Capability whose commands are the orders that a server receives from other programs."""
 
     def __init__(self, server: Server, served: Served, clock: Clock) -> None:
         self.server = server

@@ -43,7 +43,7 @@ is at rest.
 
 
 def _unarmed() -> Reason:
-    """Returns the reason to hold a robot that the driver only reads."""
+    """Returns the reason to hold a robot whose driver is not armed."""
     return Reason(Code.NOT_ARMED, "the connection is read-only: nothing is sent; --arm lets the robot move")
 
 
@@ -163,8 +163,8 @@ class Session:
         return fields
 
     def _place(self, error: BaseException) -> str:
-        """Returns the file and the line of an error in the file of the capability's class. Returns an empty
-        text for an error in another file.
+        """Returns the place of an error as text for a message: the file and the line, if the error passed
+        through the file of the capability's class; otherwise an empty text.
         """
         file = sys.modules[type(self._capability).__module__].__file__
         frames = traceback.extract_tb(error.__traceback__)
@@ -222,7 +222,7 @@ def poke_forearm(driver: Driver) -> str:
 
 @contextlib.contextmanager
 def _quiet_threads() -> Iterator[None]:
-    """Suppresses the traceback of a thread that was ended by an injected fault."""
+    """Suppresses, inside the `with` block, the traceback of a thread that was ended by an injected fault."""
     usual = threading.excepthook
 
     def hook(failed: threading.ExceptHookArgs) -> None:

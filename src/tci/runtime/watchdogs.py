@@ -24,8 +24,8 @@ PERIODS = 3.0
 """Number of frame periods without a frame after which a patch counts as silent. Assumed: one or two
 successive frames may be lost."""
 LEAST_SILENCE = 0.25
-"""Least time [s] without a frame after which a patch counts as silent. Assumed: a busy network delays data by
-less than this time."""
+"""Lower bound [s] on the time without a frame after which a patch counts as silent. Assumed: a busy network
+delays data by less than this time."""
 MOVED = 1e-4
 """Angle [rad] by which a joint must have turned since its last new torque to count as moving. Assumed: a
 smaller motion may leave the torque of every joint unchanged in all digits."""
@@ -221,8 +221,8 @@ def interruptions() -> Iterator[Interruption]:
 
 _threads = threading.Lock()
 _watching: list[Interruption] = []
-"""Objects `Interruption` of all `interruptions` blocks that are being executed. There are several such blocks
-if loops of several robots run in threads of one process."""
+"""One object `Interruption` for each run in progress. There are several if loops of several robots run in
+threads of one process."""
 _hook = threading.excepthook
 
 

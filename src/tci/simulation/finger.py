@@ -117,7 +117,8 @@ class Finger:
         """State and measurements of the finger. `stepping` defines the indices."""
         self.state[at.LEADS] = DAMPING / STIFFNESS
         self.traced = np.empty((TRACE, 3))
-        """Ring buffer of the rows of `trace`."""
+        """Ring buffer (steps, 3) of the last steps: time [s], contact force [N], and distance [m] that the
+        finger's base has moved in this poke."""
         self.retire()
 
     @exclusive

@@ -76,18 +76,19 @@ class _Meeting:
     start: float
     """Flexion [rad] at which the finger waits without touching the ball."""
     faces: float
-    """Cosine of the angle between the skin's outward normal and the direction to the ball's centre, at the
-    first contact. If the finger pushes the ball out of the palm, the cosine of the angle between this push
-    and the palm's outward normal is subtracted. The value is 0 for a finger that can't hold the ball."""
+    """Measure (up to 1) of the hold that the finger gives the ball; 0 for a finger that can't hold the ball.
+    It is the cosine of the angle between the skin's outward normal and the direction to the ball's centre, at
+    the first contact. If the finger pushes the ball out of the palm, the cosine of the angle between this
+    push and the palm's outward normal is subtracted."""
 
 
 def held_ball(robot: Robot, part: str, *, opposition: float = 1.2) -> HeldBall:
     """Returns the ball on the palm that the largest number of fingers touch.
 
-    A ball that the thumb and another finger touch is preferred to balls without such a grasp. Among balls
-    with equal numbers of fingers, returns the ball that the fingers face most directly (largest sum of
-    `_Meeting.faces`). The thumb is opposed to the palm by `opposition` [rad], which is the angle in a light
-    grasp. Raises TciError if the hand has no skin on the palm, or if no finger touches a ball.
+    Every ball that the thumb and another finger touch is preferred to every other ball. Among balls with
+    equal numbers of fingers, returns the ball that the skin of the fingers faces most directly. The thumb is
+    opposed to the palm by `opposition` [rad], which is the angle in a light grasp. Raises TciError if the
+    hand has no skin on the palm, or if no finger touches a ball.
     """
     worn = {patch.segment: patch.name for patch in robot.patches if patch.part == part}
     surfaces = {surface.patch: surface for surface in surfaces_of(robot)}
@@ -120,10 +121,11 @@ def held_ball(robot: Robot, part: str, *, opposition: float = 1.2) -> HeldBall:
 def _waiting(
     joints: JointMap, open_hand: Array, meetings: Mapping[str, _Meeting], met: Collection[str]
 ) -> Array:
-    """Returns the posture (10,) [rad] of a hand before the grasp.
+    """Returns the posture (10,) [rad] of a hand just before the grasp. `meetings` describes the contact of
+    each finger with the ball, and `met` names the fingers that will touch it.
 
-    Fingers that will touch the ball are bent up to a position just beside the ball. Fingers that share a
-    motor with such a finger are bent by an equal flexion.
+    Fingers that will touch the ball are bent up to a position just beside the ball, and fingers that share a
+    motor with them are bent to the same flexion.
     """
     posture = np.array(open_hand)
     for group in joints.tied:
@@ -137,7 +139,8 @@ def _waiting(
 def _paths(
     robot: Robot, part: str, palm: str, tips: Mapping[str, Surface], open_hand: Array
 ) -> dict[str, _Path]:
-    """Returns the path of each fingertip while all fingers bend from the posture `open_hand` (10,) [rad]."""
+    """Returns, by finger, the path of the fingertip's taxels while all fingers bend from the posture
+    `open_hand` (10,) [rad]. `palm` is the link of the palm."""
     chain, joints, bends = KinematicChain(robot), joint_map(robot, part), list(FLEXIONS)
     links = (palm, *(tip.link for tip in tips.values()))
     angles, poses = [], []
@@ -161,8 +164,9 @@ def _paths(
 def _meeting(path: _Path, place: Array, normal: Array, radius: float) -> _Meeting | None:
     """Returns the contact between a finger and a ball on the palm.
 
-    `place` (3,) [m] is the point of the palm under the ball, and `normal` (3,) the palm's outward normal.
-    Returns None if the open finger blocks the ball's path to the palm.
+    `path` is the path of the fingertip, `place` (3,) [m] the point of the palm under the ball, `normal` (3,)
+    the palm's outward normal, and `radius` [m] the ball's radius. Returns None if the open finger blocks the
+    ball's path to the palm.
     """
     centre = place + radius * normal
     gap, before = (

@@ -47,10 +47,10 @@ class JointTorques:
         return read_only(torques)
 
     def _acceleration(self) -> Array:
-        """Returns the acceleration (nv,) of the joints that results from MuJoCo's implicit integrator.
+        """Returns the acceleration (nv,) of the joints in the latest step, in the order of MuJoCo's `qvel`.
 
-        MuJoCo's `qacc` is the acceleration of an explicit integrator. An explicit integrator neglects that
-        the damping of stiff servos changes the acceleration within the step.
+        MuJoCo's `qacc` is not this acceleration, because it neglects that the damping of stiff servos changes
+        the acceleration within the step.
         """
         model, data = self._physics.model, self._physics.data
         mujoco.mj_fullM(model, data, self._inertia)

@@ -16,49 +16,50 @@ SIGMA = 3e-3
 """Width [m] (standard deviation) of the Gaussian over which the cover of the taxels spreads a force. Assumed:
 half of the pitch of an iCub's taxels, so that a force at a point acts on several neighbouring taxels."""
 REACH = 6.0
-"""A taxel gets no force if it is farther from the point of the force than the nearest taxel, by more than
-this number of kernel widths. Assumed: such a taxel would get a negligible force, at most exp(-18) of the
-largest if the weights have no tilt (see `spread`)."""
+"""A taxel gets no part of a contact force if it is farther from the point of the force than the nearest taxel
+by more than this number of kernel widths. Assumed: its part would be negligible, at most exp(-18) of the
+largest part if the parts follow a Gaussian."""
 _SOFTNESS = 0.02
-"""Penalty on the tilt of the weights (the linear term in their exponent). Assumed: it keeps the weights
-finite for a contact beyond the skin's edge."""
+"""Factor of a penalty in the computation of the taxels' shares of a force. Assumed: the penalty keeps all
+computed numbers finite for a contact beyond the skin's edge."""
 _STEPS = 30
 _TOLERANCE = 1e-4
-"""Newton's method in `_centre` stops when the gradient [kernel widths] is below this value. Assumed: for
-kernels up to 10 mm wide, this is less than a micrometre."""
+"""Error [kernel widths] below which the iterative computation of the taxels' shares of a force ends. Assumed:
+for kernels up to 10 mm wide, this is less than a micrometre."""
 _LEAST = -60.0
-"""Smallest logarithm of a taxel's weight; a smaller logarithm is raised to this value. The largest weight is
-1, so exp(-60) is negligible."""
+"""Least logarithm of the weight with which a taxel takes part in a contact force; a smaller logarithm is
+raised to this value. The largest weight is 1, so exp(-60) is negligible."""
 SHARE, _TRIAL, _LOGARITHM, _ACROSS, _UP, _NUMBERS = range(6)
-"""Rows of the workspace. The shape of the workspace for n taxels is (6, m), where m is at least n and at
-least 8.
+"""Rows of the work space `work`, in which the shares of n taxels in a contact force are computed. It has at
+least 6 rows; the number of columns is at least n and at least 8.
 
-- `SHARE`, `_TRIAL`: each taxel's fraction of the force, and weights that the iteration of `_centre` tries.
+- `SHARE`, `_TRIAL`: the share of each taxel (its fraction of the force), and weights that the iteration
+  tries.
 - `_LOGARITHM`: logarithms of the Gaussian weights with which the iteration starts.
-- `_ACROSS`, `_UP`: offsets [widths] of the taxels in two directions.
-- `_NUMBERS`: six sums over the taxels that `_weigh` computes."""
+- `_ACROSS`, `_UP`: offsets [kernel widths] of the taxels from the point of the force, in two directions along
+  the skin.
+- `_NUMBERS`: six sums over the taxels, which the iteration needs."""
 ROWS = 6
 
 
 def width(areas: Array) -> float:
-    """Returns the kernel's width [m] for taxels of `areas` (n,) [m2].
+    """Returns the width [m] (standard deviation) over which a contact force is distributed on a skin with
+    taxels of `areas` (n,) [m2].
 
-    The kernel's width combines the widths of the cover and of a taxel. A square taxel has a variance of area
-    / 12 along each side. The variances of cover and taxel are added.
+    The width combines the width `SIGMA` of the skin's cover and the size of a taxel.
     """
     return float(np.sqrt(SIGMA**2 + np.mean(areas) / 12.0))
 
 
 def spread(positions: Array, point: Array, normal: Array, sigma: float) -> Array:
-    """Returns the fraction (n,) of a force that each taxel gets (its share).
+    """Returns the fraction (n,) of a contact force that each of n taxels gets (its share).
 
     The force acts at `point` (3,) [m], the taxels are at `positions` (n, 3) [m]. Shares are at least 0, and
     their sum is 1. The mean position of the taxels, weighted by their shares, is at `point`, apart from an
-    offset along `normal` (3,). Where taxels surround the point, the error is at most a few percent of
-    `sigma`. For a point beyond the skin's edge, the weighted mean is at the edge. The shares are local
-    maximum-entropy weights (Arroyo and Ortiz 2006, doi:10.1002/nme.1534): proportional to exp(lambda . x -
-    |x|^2 / (2 sigma^2)) for a taxel at the offset x from `point`. The vector lambda, the tilt, is equal for
-    all taxels. Without it, the weights are those of a Gaussian of width `sigma` [m].
+    offset along the skin's `normal` (3,). The error is at most a few percent of `sigma` if taxels surround
+    the point. For a point beyond the skin's edge, the weighted mean is at the edge. The shares are local
+    maximum-entropy weights (Arroyo and Ortiz 2006, doi:10.1002/nme.1534): those of a Gaussian of width
+    `sigma` [m], corrected so that the weighted mean is right.
     """
     n = len(positions)
     near, work = np.empty(n, dtype=np.int64), np.empty((ROWS, max(n, 8)))
@@ -70,9 +71,10 @@ def spread(positions: Array, point: Array, normal: Array, sigma: float) -> Array
 
 @inlined
 def _exponential(x: float) -> float:
-    """Returns exp(x) for x from `_LEAST` to 0, with a relative error of 1e-11.
+    """Returns exp(x) for x from -60 to 0, with a relative error of 1e-11. For a smaller x the result is
+    exp(-60).
 
-    The formula is (1 + x / 256 + ...)^256. The function has no branch, so the compiler can vectorise it.
+    The function has no branch, so the compiler can vectorise a loop around it.
     """
     x = (x if x > _LEAST else _LEAST) * 0.00390625
     y = 1.0 + x * (1.0 / 7.0) * (1.0 + x * (1.0 / 8.0) * (1.0 + x * (1.0 / 9.0)))
@@ -85,12 +87,12 @@ def _exponential(x: float) -> float:
 
 @inlined
 def _weigh(u: float, v: float, count: int, work: Array, row: int) -> float:
-    """Computes the weight of each taxel for a tilt (u, v), and writes the weights into a row of the workspace
-    `work`.
+    """Computes trial weights of `count` taxels, and writes them into the row `row` of the work space `work`
+    (see `SHARE`).
 
-    The weights are scaled so that the largest is 1. Also writes six sums over the taxels: w, w a, w b, w a^2,
-    w a b and w b^2, for weights w and offsets (a, b). Returns the value that `_centre` minimises: the
-    logarithm of the sum of the unscaled weights, plus `_SOFTNESS` / 2 * (u^2 + v^2).
+    The weight of a taxel is exp(l + u a + v b), scaled so that the largest is 1; its logarithm l and offset
+    (a, b) [kernel widths] are in `work`. Also writes six sums over the taxels into `work`: of w, w a, w b, w
+    a^2, w a b and w b^2, for weights w. Returns the value that the best u and v minimise.
     """
     weights, logarithms, across, up = work[row], work[_LOGARITHM], work[_ACROSS], work[_UP]
     top = 0.0
@@ -120,13 +122,9 @@ def _weigh(u: float, v: float, count: int, work: Array, row: int) -> float:
 
 @inlined
 def _centre(count: int, work: Array) -> None:
-    """Writes the share of each of `count` taxels into `work`. The shares are proportional to exp(l + offset .
-    tilt), with one tilt for all taxels. Each taxel's l (logarithm of its weight without a tilt) and offset
-    [kernel widths] from the point of the force are in `work`.
-
-    The tilt is chosen so that the weighted mean of the taxels is near the point of the force. Newton's method
-    finds the tilt as the minimum of the convex function log(S) + `_SOFTNESS` / 2 * tilt^2, where S is the sum
-    of the exponentials above over all taxels. So a larger `_SOFTNESS` keeps the tilt smaller.
+    """Computes the shares of `count` taxels in a contact force, and writes them into the row `SHARE` of
+    `work`. The mean position of the taxels, weighted by the shares, is then near the point of the force. The
+    rows `_LOGARITHM`, `_ACROSS` and `_UP` of `work` must be filled before.
     """
     tilt_u = tilt_v = 0.0
     row, other = SHARE, _TRIAL
@@ -161,8 +159,9 @@ def _centre(count: int, work: Array) -> None:
 
 @inlined
 def share_into(positions: Array, near: Array, point: Array, normal: Array, sigma: float, work: Array) -> None:
-    """Writes into `work` the share of a force that each of the taxels `near` (k,) gets. `within` finds these
-    taxels."""
+    """Writes the fraction (share) of a contact force that each of the taxels `near` (k,) gets into the row
+    `SHARE` of `work`. The force acts at `point` (3,) [m] and is distributed over the width `sigma` [m].
+    Before, `within` must have found these taxels with the same `work`."""
     x, y, z = abs(normal[0]), abs(normal[1]), abs(normal[2])
     # Perpendicular to the normal and to the axis that is least parallel to it.
     if x <= y and x <= z:
@@ -187,11 +186,12 @@ def share_into(positions: Array, near: Array, point: Array, normal: Array, sigma
 def within(
     positions: Array, among: Array, point: Array, sigma: float, reach: float, near: Array, work: Array
 ) -> tuple[int, float]:
-    """Finds the taxels near a point, among the taxels with the indices `among` (k,).
+    """Finds the taxels near `point` (3,) [m], among the taxels with the indices `among` (k,). `positions` (n,
+    3) [m] are the positions of all taxels.
 
     A taxel counts as near if it is at most `reach` times `sigma` [m] farther from the point than the nearest
-    taxel. Writes the indices of these taxels into `near`, and the logarithms of their weights into `work`.
-    Returns their number, and the distance of the nearest taxel divided by `sigma`.
+    taxel. Writes the indices of the near taxels into `near`, and the logarithms of their Gaussian weights
+    into `work`. Returns the number of near taxels, and the distance of the nearest taxel divided by `sigma`.
     """
     least, scale = np.inf, 1.0 / (sigma * sigma)
     px, py, pz = point[0], point[1], point[2]

@@ -86,7 +86,7 @@ class Physics:
     def advance(self, until: int, *others: Any) -> None:
         """Executes steps until the total number of steps is `until`.
 
-        `others` are the arrays of servos, finger and taxels, see `stepping.march`.
+        `others` are three groups of arrays: of the servos, the finger and the skin.
         """
         with self.lock:
             self.steps = _march(self._engine, self.steps, until, self.step, self._moved, self._kept, *others)

@@ -14,73 +14,82 @@ SLOTS = 16
 """Largest number of contacts on one patch at a time. Assumed: the simulated finger makes far fewer
 contacts."""
 FOUND, FORCE, POSITION, NORMAL, TANGENT = 0, 1, 4, 7, 10
-"""Indices of the numbers in a slot, which MuJoCo's sensor fills with the data of one contact. The first
-number is the number of contacts on the patch. Four vectors follow, with 3 numbers each: force (along normal,
-tangent and the third axis), position, normal and tangent."""
+"""Indices of the data among the 13 numbers with which MuJoCo's contact sensor describes one contact. The
+first number is the number of contacts on the patch. Four vectors follow, with 3 numbers each: force [N]
+(along normal, tangent and third axis), position [m], normal and tangent."""
 NUMBERS = 13
-"""Number of values in a slot, which contains the data of one contact."""
+"""Number of values with which MuJoCo's contact sensor describes one contact."""
 WIDE = 0.02
-"""Width [m] of the kernel above which the shares of the taxels in a contact force are computed a second time,
-to correct an error of the first result. Assumed: this is far above the width of a taxel."""
+"""Width [m] over which a contact force is distributed on the taxels. Above this width, the distribution is
+computed a second time, to correct an error of the first result. Assumed: this is far above the width of a
+taxel."""
 SIDE = 0.2
-"""Least cosine of the angle between a contact's outward normal and the taxels' normals at which the taxels
-measure the contact. A contact with a smaller cosine is on an end of a limb's skin, or on the rim or the back
-of a sheet, where there are no taxels. Assumed: on the skin of the included robots, this cosine is below 0.2
-on these ends, and above 0.7 at almost all other places."""
+"""Least cosine of the angle between a contact's outward normal and the mean normal of the taxels near the
+contact; the taxels measure no contact with a smaller cosine. Such a contact is on an end of a limb's skin, or
+on the rim or the back of a sheet, where there are no taxels. Assumed: on the skin of the included robots,
+this cosine is below 0.2 on these ends, and above 0.7 at almost all other places."""
 SENSOR, FLOOR, BODY, BEGIN, END, CHANNEL, NODE, NODES, AXES, COUNT, DUE, TAKEN, TOUCHED, PRESSED = range(14)
-"""Columns of a patch's integers:
+"""Columns of a table of integers with one row for each patch:
 
 - `SENSOR`, `FLOOR`: index in MuJoCo's `sensordata` of the first value of the patch's contact sensor and of
   its floor sensor; `FLOOR` is -1 if there is no floor sensor.
-- `BODY`: its link.
-- `BEGIN`, `END`: first taxel, and last taxel + 1.
-- `CHANNEL`: first channel.
-- `NODE`, `NODES`: first node of its response curve, and last node + 1.
-- `AXES`: number of axes of a taxel.
-- `COUNT`, `DUE`: sequence number of the latest frame, and step of the next frame.
-- `TAKEN`, `TOUCHED`, `PRESSED`: step, number of contacts and number of active taxels of the latest frame."""
+- `BODY`: index of the patch's link in the model.
+- `BEGIN`, `END`: index of the patch's first taxel, and of its last taxel + 1, among the taxels of all
+  patches.
+- `CHANNEL`: index of the patch's first channel among the channels of all patches.
+- `NODE`, `NODES`: index of the first point of the sensor's response curve, and of its last point + 1; both
+  are equal if there is no curve.
+- `AXES`: number of values that a taxel measures: 1, or 3 with tangential stress.
+- `COUNT`, `DUE`: sequence number of the latest frame, and number of the simulation step of the next frame.
+- `TAKEN`, `TOUCHED`, `PRESSED`: number of the simulation step, number of contacts and number of active taxels
+  of the latest frame."""
 REST, PER_COUNT, SHEAR_PER_COUNT, RATE, WIDTH, SIZE, OUTWARD = range(7)
-"""Columns of a patch's floats (9):
+"""Columns (9) of a table of floats with one row for each patch:
 
 - `REST`: rest value [counts] of the sensor.
 - `PER_COUNT`, `SHEAR_PER_COUNT`: scales [Pa/count] of the sensor, for pressure and for tangential stress.
-- `RATE`: frames per step.
-- `WIDTH`, `SIZE`: widths [m] of the kernels that distribute a contact force and a force of the floor over the
+- `RATE`: number of frames per simulation step.
+- `WIDTH`, `SIZE`: widths [m] over which a contact force and a force of the floor are distributed on the
   taxels. `SIZE` is half of the patch's longest side.
 - `OUTWARD`: first of three columns with the direction of the patch's mean outward normal."""
 X, Y, AREA = 0, 3, 6
-"""Columns (7) of the table of taxels: two tangents with 3 numbers each, and the area [m2]."""
+"""First columns of the data in the table of taxels (7 columns): two tangents x and y of the skin at the taxel
+with 3 numbers each, and the area [m2]."""
 PRESSING, MARK = 2, 3
-"""Two of the four rows of the load on taxels. The rows are: force [N] along x, along y and along the normal
-(`PRESSING`), and 1 for an active taxel or 0 for another taxel (`MARK`)."""
+"""Two of the four rows of the table `load`, which has one column for each taxel. The rows are: force [N] on
+the taxel along its tangents x and y and along its normal (`PRESSING`), and 1 for an active taxel or 0 for
+another taxel (`MARK`)."""
 ALL, NEAR, ACTIVE, LATEST, AROUND = range(5)
-"""Rows of `lists`, a table with several lists of taxels. A taxel is given by its index within the patch.
+"""Rows of the table `lists`. Each row contains a list of taxels for each patch. A taxel is given by its index
+within the patch.
 
 - `ALL`: all taxels.
-- `NEAR`: the taxels near a contact.
+- `NEAR`: the taxels on which the force of the present contact is distributed.
 - `ACTIVE`, `LATEST`: the active taxels now, and in the latest frame.
 - `AROUND`: first of several rows with the taxels around one contact each. There are `SLOTS` such rows, and a
   last row for contact with the floor."""
 CENTRE, RADIUS, MEMBERS = 0, 3, 4
-"""Columns of a table with one row for each list `AROUND`. The list contains the taxels in a sphere. The
-columns are the sphere's centre [m] (3 columns) and radius [widths of the kernel], and the number of taxels in
-the list."""
+"""Columns of a table with one row for each contact of a patch. The row describes the sphere whose taxels are
+in the contact's list `AROUND`: its centre [m] (3 columns), its radius [kernel widths] and the number of its
+taxels."""
 SKIN = returns(
     reads(1), reads(2), reads(2), writes(2, int64), reads(2), reads(2), reads(2), reads(1, int64), reads(2),
     writes(2), writes(2, int64), writes(2), writes(2), writes(1),
 )  # fmt: skip
-"""Numba types of `skin`, a tuple with the data of all patches. Its elements, in this order:
+"""Numba types of `skin`, the tuple of arrays from which compiled loops compute the frames of all patches. Its
+elements, in this order:
 
 - MuJoCo's sensors, and positions and orientations of links.
-- Integers and floats of the patches.
-- Positions of taxels, their tangents and areas, and their channels.
-- Nodes of response curves, forces on taxels, lists of taxels (see `ALL`), places of lists (see `CENTRE`).
-- Workspace, and values of the channels."""
+- Integers (see `SENSOR`) and floats (see `REST`) of the patches.
+- Positions [m] of taxels, their tangents and areas (see `X`), and their channels.
+- Points of response curves, forces on taxels (see `PRESSING`), lists of taxels (see `ALL`), and spheres
+  around contacts (see `CENTRE`).
+- Work space (see `kernel.SHARE`), and values [counts] of the channels."""
 Arrays = tuple[Array, ...]
 _SLACK = 1.0
-"""Distance [widths of the kernel that distributes a force] that a contact may move before the list of taxels
-around the contact is renewed (Verlet 1967). Assumed: a larger distance makes the lists longer; with a smaller
-distance, lists are renewed more often."""
+"""Distance, as a multiple of the width over which a force is distributed, that a contact may move before the
+list of taxels around the contact is renewed (Verlet 1967). Assumed: a larger distance makes the lists longer;
+with a smaller distance, lists are renewed more often."""
 
 
 @inlined
@@ -94,13 +103,13 @@ def _share(
     spot: Array,
     work: Array,
 ) -> int:
-    """Finds the taxels over which a contact force is distributed, and the fraction (share) of the force on
-    each of them.
+    """Distributes a contact force on the taxels of a patch: finds the taxels that get a part of the force,
+    and the fraction (share) of the force on each of them.
 
-    Writes the taxels into the row `NEAR` of `lists`, and the shares into `work` (see `kernel.spread`).
-    Returns the number of these taxels. With a wide kernel (`sigma` [m] above `WIDE`), the mean position of
-    the taxels, weighted by these shares, is not exactly at `point`. The shares are then computed again for a
-    point that corrects this error.
+    Writes these taxels into the row `NEAR` of `lists`, and the shares into the row `SHARE` of `work`. Returns
+    the number of these taxels. `sigma` [m] is the width over which the force is distributed. `point` (3,) [m]
+    may be changed slightly. `row` is the number of the contact, and `spot` (5,) its row in the table with the
+    columns `CENTRE`.
     """
     near, around, count = lists[NEAR], lists[AROUND + row], 0
     for _ in range(2 if sigma > WIDE else 1):
@@ -134,10 +143,10 @@ def _share(
 @inlined
 def _feels(normal: Array, count: int, taxels: Array, lists: Array, work: Array) -> bool:
     """Returns True if the taxels near a contact measure it: if its outward `normal` (3,) is close enough to
-    their mean normal, see `SIDE`.
+    their mean normal. The least cosine of the angle between both is `SIDE`.
 
-    The row `NEAR` of `lists` contains these `count` taxels, the row `SHARE` of `work` their weights in the
-    mean. The normal of a taxel is the cross product of its tangents."""
+    The row `NEAR` of `lists` contains these `count` taxels, and the row `SHARE` of `work` their weights in
+    the mean. `taxels` (n, 7) contains the tangents of all taxels of the patch (see `X`)."""
     cosine = 0.0
     for j in range(count):
         row = taxels[lists[NEAR, j]]
@@ -153,12 +162,13 @@ def _add(
     push: tuple[float, float, float, float], count: int, axes: int, taxels: Array, lists: Array, active: int,
     load: Array, work: Array,
 ) -> int:  # fmt: skip
-    """Distributes a contact force over `count` taxels: adds to the load of each of them its share, which
-    `_share` has computed. The row `NEAR` of the table `lists` contains the taxels near the contact.
+    """Adds a contact force to the forces on the `count` taxels near the contact, and marks these taxels as
+    active. `_share` must have found the taxels and their shares of the force.
 
     `push` is the contact force [N]: its part along the normal, then its tangential part along x, y and z. The
-    tangential part is used only if taxels have three `axes`. Returns the patch's number of active taxels
-    after this call; `active` is the number before this call.
+    tangential part is used only if taxels have three `axes`. The forces on the taxels are added to `load` (4,
+    n), see `PRESSING`. Returns the patch's number of active taxels after this call; `active` is the number
+    before this call.
     """
     force, x, y, z = push
     for j in range(count):
@@ -179,12 +189,13 @@ def _add(
 def press(patch: int, skin: Arrays) -> tuple[int, int]:
     """Finds the active taxels of a patch and the forces on them.
 
-    Writes the active taxels and the forces [N] on them into `skin` (see `ACTIVE` and `PRESSING`). Returns the
-    number of contacts and the number of active taxels.
+    `patch` is the index of the patch. Writes the active taxels into the row `ACTIVE` of the lists in `skin`,
+    and the forces [N] on them into the loads in `skin` (see `PRESSING`). Returns the number of contacts and
+    the number of active taxels.
 
     A contact on an end of a limb's skin, where there are no taxels, has no effect on taxels (see `SIDE`).
-    Contacts with a floor are counted only if there is no other contact. With more than `SLOTS` contacts,
-    forces are not computed, and no taxel is active.
+    Contact with the floor counts as one contact, and only if there is no other contact. With more than
+    `SLOTS` contacts, forces are not computed, and no taxel is active.
     """
     sensors, centres, turns, patches, floats, positions, taxels, _, _, load, lists, spots, work, _ = skin
     integers, numbers = patches[patch], floats[patch]
@@ -237,7 +248,9 @@ def press(patch: int, skin: Arrays) -> tuple[int, int]:
 
 @inlined
 def _counts(pressure: float, begin: int, end: int, nodes: Array, per_count: float) -> float:
-    """Returns the deviation from rest [counts] for a pressure [Pa], see `Sensor.counts`."""
+    """Returns the deviation of a raw value from rest [counts] for a pressure [Pa]. The sensor's response
+    curve is in the columns `begin` to `end` - 1 of `nodes` (deviations and pressures). Without a curve, the
+    deviation is the pressure divided by the absolute value of `per_count` [Pa/count]."""
     if begin == end:
         return pressure / abs(per_count)
     pressure = max(pressure, nodes[1, begin])
@@ -252,9 +265,10 @@ def _counts(pressure: float, begin: int, end: int, nodes: Array, per_count: floa
 def sample(patch: int, step: int, skin: Arrays) -> int:
     """Computes the next skin frame of a patch, at the end of a step of the simulation.
 
-    Writes the unrounded values [counts] of all channels whose taxel is active, or was active in the frame
-    before. With `step` -1, computes only the forces on taxels, and leaves them in the array of loads in
-    `skin`. Returns the number of contacts on the patch.
+    `patch` is the index of the patch, and `step` the number of the step. Writes the unrounded values [counts]
+    of those channels into `skin` whose taxel is active, or was active in the frame before. With `step` -1,
+    computes only the forces on the taxels, and leaves them in the loads in `skin` (see `PRESSING`). Returns
+    the number of contacts on the patch.
     """
     _, _, _, patches, floats, _, taxels, channels, nodes, load, lists, _, _, values = skin
     integers, numbers = patches[patch], floats[patch]
@@ -289,5 +303,5 @@ def sample(patch: int, step: int, skin: Arrays) -> int:
 
 @compiled(int64(int64, int64, SKIN))
 def sample_now(patch: int, step: int, skin: Arrays) -> int:
-    """Makes `sample`, which compiled loops call, callable from Python."""
+    """Computes the next skin frame of a patch, like `sample`, but can be called from Python."""
     return sample(patch, step, skin)

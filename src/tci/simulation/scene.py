@@ -68,7 +68,7 @@ def build_scene(
 
 
 def _add_floor(spec: mujoco.MjSpec, robot: Robot, surfaces: Mapping[str, Surface], posture: Array) -> None:
-    """Adds a floor under the lowest taxel of the soles.
+    """Adds a floor under the lowest taxel of the soles in `posture` (n_servos,) [rad].
 
     Also adds a free joint to the base, so that the robot may fall.
     """

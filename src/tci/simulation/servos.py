@@ -66,7 +66,8 @@ class Servos:
         limits = [robot.servos[index].limits for index in self.moving]
         speed = np.array([np.inf if limit.velocity is None else limit.velocity for limit in limits])
         self.state = np.zeros((7, len(moving)))
-        """Control state of the moving joints. The module `stepping` lists the rows of this array."""
+        """Control state (7, k) of the k moving joints: set-points and constants of the control. The module
+        `stepping` names the rows, from SETPOINT to ADVANCE."""
         self.state[at.RATIO] = [one.multiplier for _, one in driven]
         self.state[at.SHIFT] = [one.offset for _, one in driven]
         speed = speed * np.abs(self.state[at.RATIO])
@@ -84,8 +85,8 @@ class Servos:
     def _set_up(self, robot: Robot) -> tuple[Array, Array]:
         """Sets motor inertia and torque limit of each moving joint.
 
-        Returns the full stiffness [N m/rad] of each moving joint, and the damping [N m s/rad] at full
-        stiffness.
+        Returns the stiffness (k,) [N m/rad] of each moving joint at the stiffness fraction 1, and the damping
+        (k,) [N m s/rad] that belongs to this stiffness.
         """
         model, data = self._physics.model, self._physics.data
         inertia = _largest_inertia(model, data, self._dofs)
@@ -134,10 +135,7 @@ class Servos:
         return self._joint_angles(self._home)
 
     def _joint_angles(self, angles: Array) -> Array:
-        """Returns the angle (k,) [rad] of each moving joint.
-
-        `angles` (n,) [rad] are the angles of the servos.
-        """
+        """Returns the angle (k,) [rad] of each moving joint at the servo angles `angles` (n,) [rad]."""
         result: Array = angles[self.moving] * self.state[at.RATIO] + self.state[at.SHIFT]
         return result
 
@@ -218,8 +216,8 @@ class Servos:
         return result
 
     def _catch(self, servo: int) -> None:
-        """Sets the target of a servo to its current angle. A servo that was without torque then starts with a
-        torque of 0."""
+        """Sets the target of a servo to its current angle, so that a servo that was without torque starts
+        with a torque of 0."""
         self._torques[servo] = 0.0
         here = self.measured()[at.JOINT]
         self._targets[servo] = here[servo]
@@ -239,10 +237,8 @@ class Servos:
         return found
 
     def _apply_gains(self) -> None:
-        """Writes the stiffness and damping of all servos to the physics model.
-
-        Damping is proportional to the square root of the stiffness, so that the servos stay critically
-        damped.
+        """Writes the present stiffness and damping of all servos to the physics model. Servos that are off or
+        in torque mode get none.
         """
         model = self._physics.model
         on = self.powered[self.moving]
@@ -267,7 +263,8 @@ class Servos:
 
 
 def _largest_inertia(model: mujoco.MjModel, data: mujoco.MjData, dofs: NDArray[np.intp]) -> Array:
-    """Returns the largest inertia (k,) [kg m2] at each joint over random postures within the joint limits."""
+    """Returns the largest inertia (k,) [kg m2] at each of k joints over random postures within the joint
+    limits. `dofs` (k,) are the indices of the joints in MuJoCo's `qvel`."""
     generator = np.random.default_rng(0)
     largest = np.zeros(len(dofs))
     full = np.zeros((model.nv, model.nv))

@@ -19,56 +19,59 @@ from tci.frames import Array
 from tci.simulation.sampling import DUE, SKIN, SLOTS, Arrays, sample
 
 SETPOINT, STRIDE, LAG, LEAD, RATIO, SHIFT, ADVANCE = range(7)
-"""Rows of the state of moving joints (7, k):
+"""Rows of an array (7, k) with the state of the k joints that servos move:
 
 - `SETPOINT`, `STRIDE`: set-point [rad], and its largest change per step.
 - `LAG`: value [rad] at which the servo clips its position error (not in impedance mode), which limits its
   speed.
-- `LEAD`: damping / (stiffness x step) in impedance mode, so that damping acts on the velocity error; else 0.
+- `LEAD`: in impedance mode damping / (stiffness x step), with which the damping acts on the velocity error;
+  otherwise 0.
 - `RATIO`, `SHIFT`: angle of the joint per angle of its servo, and angle [rad] of the joint at its servo's
   zero.
 - `ADVANCE`: change [rad] of the set-point in the latest step."""
 SERVO, ADDRESS, DOF, ACTUATOR, LOOSE, YIELDING = range(6)
-"""Rows of an array of integers (6, k) for k moving joints. The first four rows are indices: of the servo, and
-of the joint in `qpos`, `qvel` and `ctrl`. The last two rows are flags: 1 in torque mode, and 1 in impedance
-mode."""
+"""Rows of an array of integers (6, k) for the k joints that servos move. The first four rows are indices: of
+the joint's servo, and of the joint in MuJoCo's `qpos`, `qvel` and `ctrl`. The last two rows are flags: 1 if
+the servo is in torque mode, and 1 if it is in impedance mode."""
 TARGET, TORQUE = range(2)
 """Rows of the commands to all servos (2, n): target angles [rad], and torques [N m]."""
 ACTIVE, BEGIN, SPEED, DEPTH, LEADS, PATH, END, FORCE, FIRST, LOST, PEAK = range(11)
-"""Indices of the finger's state:
+"""Indices of the values in the state (11,) of the simulated finger that pokes the skin:
 
 - `ACTIVE`: 1 if the finger is present.
-- `BEGIN`, `SPEED`, `DEPTH`: start time, speed and depth of the poke.
-- `LEADS`: ratio of damping to stiffness.
+- `BEGIN`, `SPEED`, `DEPTH`: start time [s], speed [m/s] and depth [m] of the poke.
+- `LEADS`: damping of the finger's spring divided by its stiffness [s].
 - `PATH`, `END`: distance [m] that the finger's base has moved so far, and distance at which the base stops.
-- `FORCE`, `PEAK`: contact force, and largest contact force.
-- `FIRST`, `LOST`: times [s] of the first contact, and of its latest loss."""
+- `FORCE`, `PEAK`: contact force [N] in the latest step, and largest contact force [N] of the poke.
+- `FIRST`, `LOST`: times [s] of the first contact and of the latest loss of contact; NaN if there was none,
+  and `LOST` also during a contact."""
 TIP, TIP_SENSOR, TRACED, AHEAD = range(4)
-"""Positions in the array of integers (`Physics.whole`) of these values: the finger's actuator, the finger's
-sensor, the number of steps in the trace, and the number of the step that `_look_ahead` has partly computed in
-advance."""
+"""Indices of the values in the array of integers `Physics.whole`: index of the finger's actuator, index of
+the first value of the finger's sensor, number of steps in the finger's record, and number of the step that
+was partly computed in advance."""
 MOVED = returns(reads(1), reads(1), writes(1), reads(1), reads(1))
 """Numba types of the arrays on which the next step depends: MuJoCo's `qpos`, `qvel`, `ctrl`, `qfrc_applied`
 and `xfrc_applied`, each as one row of numbers."""
 ENGINE = returns(int64, int64)
 """Numba types of the addresses of MuJoCo's model and data."""
 KEPT = returns(writes(1), writes(1), writes(1, int64))
-"""Numba types of three arrays that a step leaves for the next step. They contain the solver's result
-(MuJoCo's warm start), the inputs of the step that was computed in advance, and the integers of
-`Physics.whole`."""
+"""Numba types of three arrays that a step leaves for the next step. They contain the result of MuJoCo's
+solver (its warm start), the inputs of the step that was partly computed in advance, and the integers
+`Physics.whole` (see `TIP`)."""
 SERVOS = returns(writes(2), reads(2, int64), reads(2))
-"""Numba types of the servos' arrays: states and indices of the moving joints, and commands of all servos."""
+"""Numba types of the three arrays of the servos: states (see `SETPOINT`) and indices (see `SERVO`) of the
+moving joints, and commands to all servos (see `TARGET`)."""
 FINGER = returns(writes(1), writes(2))
-"""Numba types of the finger's state (11,), and of the record (steps, 3) of its past steps."""
+"""Numba types of the finger's state (11,), and of the record (steps, 3) of its past steps: time [s], contact
+force [N] and distance [m] of each step."""
 JOINT, VELOCITY, MOTOR = range(3)
 """Rows of the measurements of all servos (3, n): angles [rad], velocities [rad/s] and motor torques [N m]."""
 
 
 def find_library(folder: Path, version: str) -> Path:
-    """Finds MuJoCo's library for the version of MuJoCo's Python module.
+    """Returns the path of MuJoCo's library in `folder`, for the release `version` of MuJoCo.
 
-    The folder may also contain the library of another release, which is not used. Raises ImportError if the
-    library is missing.
+    Raises ImportError if the folder has no library of this release.
     """
     for name in (f"libmujoco.so.{version}", f"libmujoco.{version}.dylib", "mujoco.dll"):
         if (folder / name).exists():
@@ -94,7 +97,8 @@ _check, _integrate = _bring("mj_checkAcc"), _bring("mj_implicit")
 
 @inlined
 def _follow(servos: Array, places: Array, asked: Array) -> None:
-    """Moves the set-points of the servos towards their targets, by the motion of one step."""
+    """Moves the set-points of all moving joints towards the targets of their servos, by the motion of one
+    step. The arrays are explained at `SERVOS`."""
     for i in range(servos.shape[1]):
         left = asked[TARGET, places[SERVO, i]] * servos[RATIO, i] + servos[SHIFT, i] - servos[SETPOINT, i]
         servos[ADVANCE, i] = min(max(left, -servos[STRIDE, i]), servos[STRIDE, i])
@@ -103,9 +107,10 @@ def _follow(servos: Array, places: Array, asked: Array) -> None:
 
 @inlined
 def _drive(qpos: Array, ctrl: Array, servos: Array, places: Array, asked: Array, ahead: float) -> None:
-    """Writes the inputs of the servos' actuators into `ctrl`.
+    """Writes the inputs of the servos' actuators into MuJoCo's `ctrl`.
 
-    The inputs are computed for the set-points that result from `ahead` further steps at the present speed.
+    The inputs are those for set-points that have moved on by `ahead` further steps at the present speed.
+    `qpos` contains MuJoCo's joint angles; the other arrays are explained at `SERVOS`.
     """
     for i in range(servos.shape[1]):
         lag, advance = servos[LAG, i], servos[ADVANCE, i]
@@ -120,7 +125,8 @@ def _drive(qpos: Array, ctrl: Array, servos: Array, places: Array, asked: Array,
 
 @inlined
 def _push(time: float, ctrl: Array, finger: Array, whole: Array) -> None:
-    """Moves the base of the finger along its path, by the motion of one step."""
+    """Moves the base of the finger along its path, by the motion of the step that begins at `time` [s].
+    Writes the input of the finger's actuator into MuJoCo's `ctrl`."""
     wanted = finger[SPEED] * (time - finger[BEGIN])
     finger[PATH] = max(finger[PATH], min(wanted, finger[END]))
     # The damper lies between base and tip, so it needs the base's speed as well.
@@ -130,7 +136,8 @@ def _push(time: float, ctrl: Array, finger: Array, whole: Array) -> None:
 
 @inlined
 def _note(time: float, sensors: Array, finger: Array, whole: Array, trace: Array) -> None:
-    """Records the tip's contact in a step that began at `time` [s]."""
+    """Records the contact of the finger's tip in a step that began at `time` [s]: updates the state `finger`
+    (see `ACTIVE`), and writes time [s], contact force [N] and distance [m] into the next row of `trace`."""
     at = whole[TIP_SENSOR]
     force = (sensors[at] ** 2 + sensors[at + 1] ** 2 + sensors[at + 2] ** 2) ** 0.5
     if force > 0.0:
@@ -160,9 +167,10 @@ def _keep(values: Array, here: Array, at: int) -> int:
 def _look_ahead(
     model: int, data: int, number: int, moved: Arrays, warm: Array, here: Array, whole: Array
 ) -> None:
-    """Updates contacts and sensors to the current joint angles.
+    """Updates contacts and sensors to the current joint angles, without a motion.
 
-    To do this, computes the whole next step except the motion.
+    For this purpose, computes the next step, whose number is `number`, except for the motion. The other
+    arguments are explained at `MOVED` and `KEPT`.
     """
     qpos, qvel, ctrl, applied, pushed = moved
     _step1(model, data)
@@ -194,8 +202,8 @@ def _differs(values: Array, here: Array, at: int) -> bool:
 def _take_step(model: int, data: int, number: int, moved: Arrays, here: Array, whole: Array) -> None:
     """Executes one step of the physics, like MuJoCo's `mj_step`.
 
-    `_look_ahead` may already have computed a part of this step. If joints and inputs have not changed since
-    then, only the rest of the step is computed.
+    The arguments are those of `_look_ahead`. If `_look_ahead` has already computed a part of this step, and
+    joints and inputs have not changed since then, only the rest of the step is computed.
     """
     qpos, qvel, ctrl, applied, pushed = moved
     n, m, k = len(qpos), len(qvel), len(ctrl)
@@ -226,8 +234,9 @@ def march(
 ) -> int:
     """Executes the steps of the simulation with the numbers `begin` to `end` - 1, each of `step` [s].
 
-    Also computes the skin frames that become due. Returns the number of the next step. The loop ends early if
-    a patch has more contacts than its sensor can report (`SLOTS`).
+    Also computes the skin frames that become due. Returns the number of the next step, which is below `end`
+    if the loop ended early: a patch then has more contacts than its sensor can report (`SLOTS`). The arrays
+    are explained at `MOVED`, `KEPT`, `SERVOS`, `FINGER` and `SKIN`.
     """
     model, data = engine
     warm, here, whole = kept
@@ -273,8 +282,9 @@ def measure(
     """Writes the angles [rad], velocities [rad/s] and motor torques [N m] of all servos into the rows of
     `found` (3, n).
 
-    For a servo without a joint, the angle is its target. For a servo with several joints, angle and velocity
-    come from the first joint.
+    For a servo without a joint, the angle is its target, and velocity and torque are 0. For a servo with
+    several joints, angle and velocity come from the first joint. `qpos`, `qvel` and `forces` are MuJoCo's;
+    the other arguments are explained at `SERVOS`.
     """
     for i in range(found.shape[1]):
         found[JOINT, i] = asked[TARGET, i]
@@ -300,9 +310,10 @@ def _fault(servos: Array, values: Array, count: int) -> int:
 
 @compiled(int64(views(1, int64), views(1), int64))
 def fault_of(servos: Array, values: Array, count: int) -> int:
-    """Checks `values` (k,) for `servos` (k,), whose indices must be 0 to `count` - 1.
+    """Checks a command to servos: the indices `servos` (k,) must be 0 to `count` - 1, and the `values` (k,)
+    must be finite.
 
-    Returns 1 for an invalid servo, 2 for a value that is not finite, and 0 if all are valid.
+    Returns 1 for an invalid index, 2 for a value that is not finite, and 0 if all are valid.
     """
     return int(_fault(servos, values, count))
 
@@ -311,11 +322,12 @@ def fault_of(servos: Array, values: Array, count: int) -> int:
 def aim(
     servos: Array, angles: Array, top: Array, steps: float, places: Array, asked: Array, state: Array
 ) -> int:
-    """Sets targets `angles` (k,) [rad] of `servos` (k,).
+    """Sets the targets `angles` (k,) [rad] of the servos with the indices `servos` (k,).
 
-    Each set-point reaches its target in `steps` steps, or in more steps if its joint would otherwise exceed
-    its value in `top` [rad] per step. Returns 0, or 1 for an invalid servo and 2 for an angle that is not
-    finite; in these two cases nothing is set.
+    The set-point of each moving joint then reaches its target in `steps` steps, or in more steps if the joint
+    would otherwise be faster than its limit in `top` [rad per step]. `state`, `places` and `asked` are the
+    arrays of `SERVOS`. Returns 0, or 1 for an invalid servo and 2 for an angle that is not finite; in these
+    two cases nothing is set.
     """
     fault = _fault(servos, angles, asked.shape[1])
     if fault:

@@ -21,7 +21,8 @@ from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface, tangents
 
 _NEVER = int(np.iinfo(np.int64).max)
-"""Number of the step with the next frame, for a world without skin. No world reaches this number."""
+"""Number of the simulation step in which the next frame is due, for a world without skin. No world reaches
+this number."""
 
 
 class Taxels:
@@ -144,9 +145,10 @@ class Taxels:
         return self._latest
 
     def _frame(self, number: int, integers: list[int]) -> SkinFrame:
-        """Returns the latest frame of the patch with index `number`.
+        """Returns the latest raw frame of the patch with index `number`.
 
-        `integers` are the patch's values in the integer array of the loop, see `sampling`.
+        `integers` are the numbers that the compiled loop keeps about the patch, for example its first channel
+        and the sequence number of the frame.
         """
         patch, found = self._patches[number], integers[at.TOUCHED]
         taken = integers[at.TAKEN] * self._physics.step
@@ -163,8 +165,9 @@ class Taxels:
         return SkinFrame(patch.name, taken, integers[at.COUNT], values)
 
     def _distort(self, number: int, counts: Array, now: float) -> None:
-        """Adds the imperfections of a patch to its unrounded values `counts` [counts]. On three-axis taxels,
-        only the values along the normals change."""
+        """Applies the simulated imperfections of the taxels, for example creep and hysteresis, to the
+        unrounded values `counts` (channels,) [counts] of one patch. The values of three-axis taxels change
+        only along the normals."""
         patch = self._patches[number]
         channels, sign = (
             normal_channels(patch, self._surfaces[patch.name]),
@@ -208,9 +211,8 @@ class Taxels:
 
 
 def _spread(surface: Surface) -> Array:
-    """Returns the area (n,) [m2] over which the force at each taxel is spread.
-
-    This area is the taxel's area plus a part of the gaps around it, in which the skin measures nothing.
+    """Returns the area (n,) [m2] on which the force at each taxel acts: the taxel's area plus a part of the
+    gaps around the taxel.
     """
     column = float(np.interp(np.log(width(surface.areas)), np.log(WIDTHS), np.arange(len(WIDTHS))))
     low = min(int(column), len(WIDTHS) - 2)
@@ -220,9 +222,8 @@ def _spread(surface: Surface) -> Array:
 
 
 def _raw(patch: Patch, counts: Array) -> NDArray[np.generic]:
-    """Returns the raw values (channels,) that the sensor sends.
-
-    `counts` [counts] are the unrounded values.
+    """Returns the raw values (channels,) that the sensor sends: the values `counts` (channels,) [counts],
+    rounded and limited to the sensor's range.
     """
     lowest, highest = patch.sensor.lowest, patch.sensor.highest
     small = 0.0 <= lowest <= highest <= 255.0

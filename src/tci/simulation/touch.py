@@ -35,8 +35,8 @@ finger has friction.
 """
 _CORNERS = 8
 _THICKNESS = 2e-3
-"""Thickness [m] of a sheet of skin. Assumed: about the thickness of a robot's skin. The finger would pass
-through a thinner sheet."""
+"""Thickness [m] of a sheet of skin. Assumed: about the thickness of a robot's skin. The simulated finger
+would pass through a thinner sheet."""
 _COLOUR = (0.22, 0.23, 0.25, 1.0)
 
 
@@ -64,7 +64,8 @@ def skin_geom(patch: str) -> str:
 
 
 def stiff(step: float) -> list[float]:
-    """Returns MuJoCo's parameter `solref` (stiffness and damping) of a contact with the finger.
+    """Returns MuJoCo's parameter `solref` (time constant [s], damping ratio) of a contact with the finger,
+    for simulation steps of `step` [s].
 
     The contact is stiff, since the light tip would otherwise move deeply into the skin. With this value the
     tip moves into the skin by 0.2 mm at 8 N.
@@ -73,7 +74,8 @@ def stiff(step: float) -> list[float]:
 
 
 def add_skin(spec: mujoco.MjSpec, surface: Surface, *, axes: int, step: float, floor: bool) -> None:
-    """Adds a patch to the scene: a geom through its taxels, and a sensor of the contacts on this geom.
+    """Adds a patch to the scene: a geom with the shape of the skin, and a sensor of the contacts on this
+    geom.
 
     MuJoCo uses a mesh's convex hull for collisions. The mesh's faces are used only in pictures. The skin has
     friction with the finger only if the patch has three `axes`. If `floor` is True, a second sensor measures
@@ -126,12 +128,13 @@ def floor_sensor(patch: str) -> str:
 
 
 def _solid(surface: Surface) -> tuple[Array, NDArray[np.intp]]:
-    """Returns vertices (v, 3) [m] and faces (f, 3) of a body with the surface `surface`.
+    """Returns vertices (v, 3) [m] and triangles (f, 3) of a solid body that represents a patch of skin in
+    collisions.
 
-    If there are no faces, MuJoCo uses the faces of the convex hull.
+    Without triangles (f = 0), MuJoCo uses the convex hull of the vertices.
 
-    If the skin surrounds a limb, the taxels are the vertices of the body. On other skin, each taxel becomes a
-    plate with the taxel's area.
+    If the skin surrounds a limb, the taxels are the vertices. On other skin, each taxel becomes a plate with
+    the taxel's area.
     """
     if len(surface.faces) and not is_sheet(surface.normals):
         return surface.positions, surface.faces

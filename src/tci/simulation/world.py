@@ -120,7 +120,7 @@ class World:
 
     @property
     def step(self) -> float:
-        """Step of the physics [s]."""
+        """Duration [s] of one step of the physics."""
         return self._physics.step
 
     @property
@@ -292,8 +292,9 @@ class World:
     ) -> tuple[Array, Array]:
         """Returns the position (3,) [m] and outward normal (3,) of a point on the skin, in the world frame.
 
-        `place` is a taxel, or a point (3,) [m] in the frame of the patch's link. For `normal` and for errors
-        see `skin_point`.
+        `place` is a taxel, or a point (3,) [m] in the frame of the patch's link. An outward `normal` (3,) in
+        the link's frame replaces the surface normal, if given. Raises UnknownNameError for an unknown patch,
+        and CommandError for an invalid point or normal.
         """
         return self._skin.point(patch, place, normal)
 

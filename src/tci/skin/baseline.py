@@ -40,8 +40,8 @@ class BaselineSettings:
     """Upper bound on the drift that all taxels of a patch have in common [fraction of the sensor's range per
     second]. A faster change counts as a touch."""
     own: float = 30.0
-    """Time constant [s] with which the rest value of a single quiet taxel is tracked, in addition to the
-    drift of all taxels of its patch."""
+    """Time constant [s] with which the rest value of a quiet taxel follows the taxel's own deviation, after
+    the drift of the whole patch was subtracted."""
     release: float = 1.0
     """Time constant [s] with which the rest value is tracked if the taxel reads less than this rest value.
     The time is short, since a reading below rest can't be a touch: pressure is never negative."""
@@ -56,9 +56,9 @@ class BaselineSettings:
     """A taxel counts as noisy if its value differs from its previous value in at least this fraction of
     frames."""
     lively: float = 0.4
-    """A taxel with at least this noise [counts] counts as frozen if its value stays constant for a window. By
-    chance, a healthy taxel with this noise sends 50 equal values, which is the shortest window, in about one
-    of 1e5 windows."""
+    """A taxel with at least this noise [counts] counts as frozen if its value stays constant for a window.
+    The shortest window has 50 values. In about one of 1e5 such windows, a healthy taxel with this noise sends
+    equal values by chance."""
     share: float = 0.25
     """Least fraction of the healthy taxels that must be quiet before their median counts as drift."""
 
@@ -66,8 +66,8 @@ class BaselineSettings:
     """Time [s] after which pressure on nearly all taxels counts as a step of the baseline. The present
     values then become the rest values. Soles are excepted, since they may carry weight for any time."""
     step_share: float = 0.9
-    """Least fraction of the healthy taxels that must be pressed, for the time `step`, to count as a step of
-    the baseline."""
+    """Pressure on at least this fraction of the healthy taxels, for the time `step`, counts as a step of the
+    baseline."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -91,9 +91,9 @@ class Baseline:
     ) -> None:
         """Starts with the rest value in the description for every taxel.
 
-        `span` [counts] is the sensor's range and `floor` [counts] the lowest signal that the sensor can
-        send. `noise` [counts] is the initial standard deviation. `neighbours` (m, 2) are pairs of
-        neighbouring taxels.
+        `span` [counts] is the sensor's range. `floor` [counts] is the lowest deviation from the rest value in
+        the description that the sensor can report. `noise` [counts] is the initial standard deviation.
+        `neighbours` (m, 2) are pairs of neighbouring taxels.
         """
         self.settings = settings
         self.offset = np.zeros(count)

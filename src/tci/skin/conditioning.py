@@ -54,7 +54,8 @@ RESTART = 1.0
 time [s], the sender counts as restarted. Assumed: with a shorter time, a frame out of order could look like a
 restart. With a longer time, the frames of a restarted sender would be ignored for longer."""
 _CONDITION = {np.dtype(kind): entry(condition, k) for k, kind in enumerate((np.uint8, np.float32))}
-"""Compiled loop `condition` for each dtype of raw values."""
+"""Compiled function that turns raw frames into pressure, for each data type of raw values (uint8, float32).
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,8 +205,8 @@ class Conditioner:
         return True
 
     def update(self) -> bool:
-        """Does half of the update of a patch's estimates that is due when an estimation window of this patch
-        has ended. A second call completes the update.
+        """Does half of an update of one patch, which is due after the end of an estimation window of the
+        patch. The first call updates rest values and noise, a second call the health of the taxels.
 
         Returns False if no update is due.
 
@@ -224,7 +225,7 @@ class Conditioner:
         return True
 
     def catch_up(self) -> None:
-        """Updates the estimates completely, for all estimation windows that have ended."""
+        """Completes all updates of the estimates that are due because an estimation window has ended."""
         while self.update():
             pass
 
@@ -241,7 +242,7 @@ class Conditioner:
             self._restart(p)
 
     def _step_each(self, frames: Sequence[SkinFrame]) -> bool:
-        """Processes several frames of one patch, one after another."""
+        """Processes frames one by one, also several of one patch. Returns True if any frame was new."""
         for frame in frames:
             self._buffer.arrange((frame.patch,))
             self._buffer.check([np.asarray(frame.values)])
@@ -279,7 +280,8 @@ class Conditioner:
         )  # fmt: skip
 
     def _revive(self, patches: list[int]) -> None:
-        """Uses dead and stuck taxels again, from the next frame on, if their values have changed."""
+        """Uses dead and stuck taxels of the patches with the indices `patches` again, from the next frame on,
+        if their values have changed."""
         for p in patches:
             estimator, own = self.estimators[p], self.layout.taxels[p]
             if estimator.health.constant:
@@ -291,8 +293,8 @@ class Conditioner:
                     self._note_anew(p)
 
     def _count_repeats(self, p: int) -> None:
-        """Adds the repeated frames of the patch with index `p` to the statistics. A repeated frame has the
-        values of the previous frame, and until this call it is only counted."""
+        """Adds those frames of the patch with index `p` to the statistics that equal the previous frame and
+        were therefore only counted so far."""
         memory, begin, own = self._memory, self.layout.arrays.begin, self.layout.taxels[p]
         blocks = memory.blocks[begin[p, BLOCK] : begin[p + 1, BLOCK]]
         repeats = blocks[:, REPEATS] + max(int(memory.patches[p, CONSTANT]), 0)
@@ -304,15 +306,16 @@ class Conditioner:
         memory.patches[p, CONSTANT] = min(memory.patches[p, CONSTANT], 0.0)
 
     def _note_anew(self, p: int) -> None:
-        """Ensures that the next frame of a patch is processed in full, even if its values are those of the
-        previous frame."""
+        """Ensures that the next frame of the patch with index `p` is processed in full, even if its values
+        equal those of the previous frame."""
         self._count_repeats(p)
         begin = self.layout.arrays.begin
         self._memory.blocks[begin[p, BLOCK] : begin[p + 1, BLOCK], REPEATED] = 0
         self._memory.patches[p, CONSTANT] = -1.0
 
     def _restart(self, p: int) -> None:
-        """Begins a new estimation window of the patch with index `p`."""
+        """Begins a new estimation window for the patch with index `p`. At the end of each window, rest values
+        and noise are updated."""
         self._note_anew(p)
         own, status = self.layout.taxels[p], self._memory.patches[p]
         self._memory.statistics[TOTAL:, own] = 0.0

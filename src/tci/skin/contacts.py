@@ -127,9 +127,9 @@ class ContactFinder:
     ) -> tuple[int, int, Array]:
         """Removes each cluster that consists of a single taxel and does not count as a touch.
 
-        Returns the number of remaining clusters, the number of their taxels, and a table (w, WAITING) of the
-        taxels that must be pressed for longer before they count as touched (columns: see
-        `tci.skin.kernels.isolated`).
+        `single` is the number of clusters with a single taxel. Returns the number of remaining clusters, the
+        number of their taxels, and a table (w, 5) for the next frame: the history of each taxel that is
+        pressed alone on a dense skin.
         """
         arrays, before = self.layout.arrays, self.contacts
         starts = arrays.begin[before.site, 0]
@@ -142,8 +142,9 @@ class ContactFinder:
         return count, taxels, fresh[:waits]
 
     def _angles(self, posture: Mapping[str, Array]) -> Array:
-        """Returns the first four generic angles (parts, 4) [rad] of each part that has skin on a limb; 0 for
-        parts that `posture` lacks. Raises UnknownNameError if `posture` lacks the part of a touched patch."""
+        """Returns the first four generic angles (parts, 4) [rad] of each part that has skin on a limb. A part
+        that is not in `posture` gets zeros. Raises UnknownNameError if `posture` lacks the part of a touched
+        patch."""
         if not self._parts <= posture.keys():
             for p in self._clusters.counts.nonzero()[0].tolist():
                 if (part := self.layout.sites[p].part) not in posture:
@@ -151,8 +152,9 @@ class ContactFinder:
         return _limb_angles(self.layout.parts, posture)
 
     def _turn(self, made: ContactArrays, state: SkinState, vectors: Array, poses: Array) -> None:
-        """Computes the force vectors f_T of contacts on three-axis taxels, from the forces `vectors` (k, 3)
-        [N] that these taxels measured."""
+        """Computes the force vectors [N] of contacts on three-axis taxels in the torso frame, and writes them
+        to `made.f_T`. `vectors` (k, 3) [N] are the measured forces on all active taxels, in the frames of
+        their links."""
         for row, p in enumerate(made.site.tolist()):
             if self.layout.patches[p].description.sensor.axes == AXES:
                 own = slice(*state.begin[p : p + 2])
@@ -163,7 +165,7 @@ class ContactFinder:
 
 
 def _limb_angles(parts: Sequence[str], posture: Mapping[str, Array]) -> Array:
-    """Returns the generic angles (parts, 4) [rad] of limbs.
+    """Returns the first four generic angles (parts, 4) [rad] of each arm or leg in `parts`.
 
     The angles of a part that `posture` does not contain are 0.
     """
@@ -220,7 +222,8 @@ def single_contact(
 ) -> Contact:  # fmt: skip
     """Makes a contact without a skin, from given `taxels` (k,) and `forces` (k,) [N].
 
-    `vectors` are the contact's p_L, n_L, p_T, n_T and f_T (3,), see `Contacts`.
+    `vectors` are p_L, n_L, p_T, n_T and f_T, each (3,): centre of pressure [m] and outward unit normal in the
+    frames of the link and of the torso, and force [N] on the skin in the torso frame.
     """
     forces = np.array(forces, np.float64)
     made = ContactArrays(

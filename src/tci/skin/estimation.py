@@ -65,8 +65,8 @@ class PatchEstimator:
 
         The first call updates rest values and noise, the second call health. Returns True after the second
         call. The work is divided into halves because a whole update would be the longest computation in a
-        period of a loop at 1 kHz. `kernels.condition` lists the rows of `statistics` (ROWS, n), for n taxels,
-        and the elements of `status` (PATCH_COLUMNS,), for the patch.
+        period of a loop at 1 kHz. `statistics` (ROWS, n) of the n taxels and `status` (PATCH_COLUMNS,) of the
+        patch describe the window; `kernels.condition` computes both.
         """
         if self._half is None:
             self._half = self._estimate(statistics, status)
@@ -94,9 +94,9 @@ class PatchEstimator:
         """Writes into `estimates`, for the `taxels` of this patch: which taxels are ignored (`muted`), and
         the pressures [Pa] `least`, `onset` (two counts) and `hidden`.
 
-        The pressure `least`, above which a taxel is active, corresponds to at least one count. The pressure
-        `hidden`, below which the faint edge of a touch is not measured, corresponds to at least half a count;
-        it is 0 for taxels on which touches have no gradual edge.
+        The pressure `least`, above which a taxel is active, corresponds to at least one count. At the edge of
+        a touch, pressures below `hidden` are not measured. `hidden` corresponds to at least half a count; it
+        is 0 for taxels on which touches have no gradual edge.
         """
         threshold = self.baseline.threshold
         least = self._pressure(np.maximum(threshold, 1.0))
@@ -115,10 +115,10 @@ class PatchEstimator:
         return MappingProxyType({int(i): Health(state[i]).name.lower() for i in np.flatnonzero(state)})
 
     def _estimate(self, statistics: Single, status: Array) -> tuple[Window, Array, NDArray[np.bool_]]:
-        """Updates rest values and noise.
+        """Updates rest values and noise from the statistics of one estimation window.
 
-        Returns the window, the rest values (n,) before this window, and the taxels (n,) that were active
-        relative to these rest values.
+        Returns these statistics as a `Window`, the rest values (n,) before the update, and an array (n,) that
+        is True for taxels whose mean signal was above their threshold.
         """
         total, peak, difference, changes = statistics[TOTAL : CHANGES + 1].astype(float)
         window = Window(
@@ -134,11 +134,11 @@ class PatchEstimator:
         return window, before, raised
 
     def _is_step(self, raised: NDArray[np.bool_], elapsed: float) -> bool:
-        """Returns True if pressure on nearly all taxels has lasted so long that it counts as a shift of the
-        rest values.
+        """Returns True if nearly all taxels of the patch have been pressed for so long that the pressure
+        counts as a shift of the rest values.
 
-        `raised` (n,) are the taxels with pressure in the last `elapsed` [s]. For a sole the result is always
-        False, since the robot's weight presses all its taxels while the robot stands.
+        `raised` (n,) is True for taxels that were pressed in the last `elapsed` [s]. For a sole the result is
+        always False, since the robot's weight presses all its taxels while the robot stands.
         """
         settings, healthy = self.baseline.settings, self.health.healthy
         least = settings.step_share * max(int(np.count_nonzero(healthy)), 1)

@@ -1,4 +1,4 @@
-"""Raw values of all patches in one array, copied from the frames that arrive together."""
+"""Raw values of all patches in one array. New frames replace the values of their patches."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tci.skin.layout import SkinLayout
 
 SETS = 16
 """Largest number of cached entries, one for each combination of patches whose frames arrive together.
-Assumed: this is more than the number of different frame rates of a robot's patches."""
+Assumed: fewer combinations occur, because patches with equal frame rates send together."""
 Values = Sequence[NDArray[np.generic]]
 
 

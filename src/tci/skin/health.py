@@ -25,8 +25,8 @@ class Health(IntEnum):
     STUCK = 2
     """The taxel is masked because it is active and constant, in one of these cases:
 
-    - No neighbour is active, and the value is constant for a long time; for a taxel that fluctuated before,
-      one window of the estimates is enough.
+    - No neighbour is active, and the value is constant for a long time. If the taxel fluctuated before, one
+      estimation window (about a second) is enough.
     - The whole patch is active and constant for a long time.
 
     On a patch without noise, only a taxel at the end of its range, without an active neighbour, counts as
@@ -86,7 +86,7 @@ class TaxelHealth:
         """True (n,) for each taxel with a pressure that is ignored. Dead taxels are not included: their
         pressure is 0, and they are used again as soon as their value changes."""
         self.constant = False
-        """True if any taxel was dead or stuck after the latest window."""
+        """True if any taxel was dead or stuck after the latest call of `judge`."""
         self._full = full
         self._neighbours = neighbours
         self._unchanged = np.zeros(count)
@@ -104,7 +104,7 @@ class TaxelHealth:
         self.muted &= ~(changed & (self.state == _HEALTHY))
 
     def judge(self, window: Window, baseline: Baseline, offset: Array) -> None:
-        """Updates the health of every taxel (n,) from one window.
+        """Updates the health of every taxel (n,) from one estimation window.
 
         The `baseline` gives the noise and the thresholds. `offset` (n,) [counts] are the rest values before
         the window.

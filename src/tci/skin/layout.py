@@ -38,7 +38,8 @@ CELLS_PER_FACE = 8
 
 
 def normal_channels(patch: Patch, surface: Surface) -> NDArray[np.intp]:
-    """Returns the index (n,) in the raw frame of the value along each taxel's normal.
+    """Returns, for each taxel, the index (n,) in the raw frame of the value that is measured along the
+    normal.
 
     A three-axis taxel has three successive values: x and y along the skin, and z outward.
     """
@@ -85,14 +86,14 @@ class SkinPatch:
 
     @property
     def gain(self) -> Array:
-        """Factor (n,) by which `response` is multiplied to give each taxel's pressure."""
+        """Factor (n,) by which a result of `response` is multiplied to give the taxel's pressure [Pa]."""
         linear = 1.0 if self.nodes.size else abs(self.description.sensor.pascal_per_count)
         measured = () if self.calibration is None else self.calibration.gain
         return linear * np.array(measured) if measured else np.full(len(self.channels), linear)
 
     def response(self, counts: Array) -> Array:
-        """Converts deviations (n,) [counts] along the taxels' normals by the response curve of the sensor.
-        The result (n,), multiplied by `gain`, is the pressure [Pa].
+        """Applies the response curve of the sensor to deviations (n,) [counts] of the pressure values. The
+        result (n,), multiplied by `gain`, is the pressure [Pa].
 
         The curve continues linearly beyond its last point.
         """
@@ -106,7 +107,7 @@ class SkinLayout:
     patches: tuple[SkinPatch, ...]
     """The patches (p,), in the robot's order."""
     sites: tuple[Site, ...]
-    """Names (p,) of the patches."""
+    """Names that belong to each of the p patches: the patch, its part and its segment."""
     places: Mapping[str, int]
     """Index of each patch by its name."""
     links: tuple[str, ...]
@@ -114,7 +115,7 @@ class SkinLayout:
     parts: tuple[str, ...]
     """Generic parts that have skin on their limbs."""
     segments: Places
-    """Index (p,) of each patch's segment in SEGMENTS; -1 if the segment is not in SEGMENTS."""
+    """Segment (p,) of each patch: 0 is the upper arm, 1 the forearm, -1 any other or no segment."""
     taxels: tuple[slice, ...]
     """Slice (p,) of each patch in arrays with one element per taxel of the whole skin."""
     channels: tuple[slice, ...]
@@ -197,14 +198,15 @@ def _layout(robot: Robot, measured: Mapping[str, PatchCalibration]) -> SkinLayou
 
 @per_robot
 def _as_described(robot: Robot) -> SkinLayout:
-    """Returns the layout of a robot's skin without calibration."""
+    """Returns the constant properties of all taxels of a robot, with the description's values and without
+    calibration."""
     return _layout(robot, {})
 
 
 def adjacency(count: int, pairs: NDArray[np.intp]) -> Indices:
-    """Returns one array with the neighbours of each of `count` taxels. The first `count` + 1 entries are the
-    places in this array at which the neighbours of each taxel begin; the neighbours follow. `pairs` (m, 2)
-    are the indices of neighbouring taxels, each pair once."""
+    """Returns one array with the neighbours of each of `count` taxels. The neighbours of taxel i are at the
+    places from `array[i]` to `array[i + 1] - 1`. `pairs` (m, 2) are the indices of neighbouring taxels, each
+    pair once."""
     one, other = np.concatenate([pairs, pairs[:, ::-1]]).T
     starts = np.concatenate([[0], np.cumsum(np.bincount(one, minlength=count))]) + count + 1
     return np.concatenate([starts, other[np.lexsort((other, one))]]).astype(np.int32)
@@ -254,7 +256,7 @@ def _arrays(patches: Sequence[SkinPatch], on: Places) -> LayoutArrays:
 
 
 def _fill(one: SkinPatch) -> Array:
-    """Returns the fill factor (n, w) around each of a patch's n taxels, for each of the w widths in WIDTHS.
+    """Returns the fill factor (n, w) around each taxel of a patch, for touches of w widths.
 
     The fill factors are 1 for a patch on which touches are detected through joint torques.
     """
@@ -293,8 +295,8 @@ def _sensor(patch: SkinPatch) -> tuple[float, float, float, float, float]:
 
 
 def _spans(channels: NDArray[np.intp]) -> list[tuple[int, int, bool]]:
-    """Returns for each block of taxels of one patch: first channel, last channel + 1, and True if the
-    channels are consecutive."""
+    """Returns for each block of up to 64 taxels of a patch: smallest channel, largest channel + 1, and True
+    if the channels of successive taxels are consecutive."""
     blocks = [channels[first : first + BLOCK_SIZE] for first in range(0, len(channels), BLOCK_SIZE)]
     return [
         (int(own.min()), int(own.max()) + 1, np.array_equal(own, own[0] + np.arange(len(own))))
@@ -303,11 +305,11 @@ def _spans(channels: NDArray[np.intp]) -> list[tuple[int, int, bool]]:
 
 
 def _grid(surface: Surface) -> tuple[Array, Places, Places]:
-    """Returns a surface's grid of cells.
+    """Returns a grid of cells around a surface, which makes the search of the nearest face fast.
 
-    The result consists of three arrays: position and size of the grid (7,), as in `LayoutArrays.box`; the
-    place (cells + 1,) in the third array at which each cell's faces begin; and the faces of all cells, cell
-    by cell.
+    The result consists of three arrays: lowest corner [m], cells per metre, and number of cells along x, y
+    and z (7,); the place (cells + 1,) in the third array at which each cell's faces begin; and the indices of
+    the faces, cell by cell.
     """
     if not len(surface.faces):
         return np.zeros(7), np.zeros(1, np.int64), np.zeros(0, np.int64)

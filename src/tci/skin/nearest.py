@@ -47,8 +47,9 @@ def nearest_on_faces(
 
 
 def _inside(a: Array, b: Array, c: Array, points: Array) -> Array:
-    """Returns barycentric weights (k, f, 3) of each point's projection onto the plane of each face (Ericson
-    2004)."""
+    """Projects each of k points onto the plane of each of f faces, and returns the barycentric weights (k, f,
+    3) of the projections (Ericson 2004). `a`, `b` and `c` (f, 3) are the corners of the faces. A projection
+    outside the face has a negative weight."""
     u, v = b - a, c - a
     w = points[:, None] - a
     uu, uv, vv = (np.einsum("fi,fi->f", *pair) for pair in ((u, u), (u, v), (v, v)))
@@ -64,8 +65,8 @@ def _inside(a: Array, b: Array, c: Array, points: Array) -> Array:
 
 
 def _distance2(weights: Array, a: Array, b: Array, c: Array, points: Array) -> Array:
-    """Returns the squared distance (k, f) of each point from a point of each face. The point of a face is the
-    mean of its corners with the `weights`."""
+    """Returns the squared distance (k, f) [m2] of each of k points from a point of each of f faces. The
+    `weights` (k, f, 3) of the corners `a`, `b` and `c` (f, 3) [m] give the point of the face."""
     there = weights[..., :1] * a + weights[..., 1:2] * b + weights[..., 2:] * c
     offset = points[:, None] - there
     result: Array = np.einsum("kfi,kfi->kf", offset, offset)

@@ -78,7 +78,8 @@ class SkinService:
         return SkinReader(self, mode, region, step)
 
     def _get(self, index: int) -> SkinState | None:
-        """Returns state `index`. Returns None if the state is no longer in the ring buffer."""
+        """Returns the state of the skin with the number `index`, or None if newer states have replaced this
+        state."""
         state = self._ring[index % len(self._ring)]
         # The index is checked after reading: a writer that overwrote the slot meanwhile has also increased
         # `_published`.
@@ -88,8 +89,8 @@ class SkinService:
         return max(self._published - len(self._ring) + 1, 0)
 
     def _wait(self, index: int, timeout: float | None) -> bool:
-        """Waits until state `index` is published, but at most `timeout` [s]. Returns True if the state is
-        published."""
+        """Waits until the state of the skin with the number `index` is published, but at most `timeout` [s]
+        (None: without a limit). Returns True if the state is published."""
         if self._published > index:
             return True
         self._waiting += 1

@@ -82,7 +82,8 @@ class Skin:
         return segment_pose(description, place, self.link_pose(place.link, joints), posture)
 
     def _pose(self, patch: str, joints: JointReading, frame: FrameName) -> Array:
-        """Returns the pose (4, 4) of the patch's link in `frame`."""
+        """Returns the pose (4, 4) of a patch's link in `frame`: in its own frame (`link`), in the frame of
+        the limb segment (`limb`), or in the torso frame (`torso`)."""
         description = self.robot.patch(patch)
         if frame == "link":
             return np.eye(4)

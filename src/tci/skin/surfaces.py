@@ -42,10 +42,11 @@ _LATTICE = {
     0: (-1, 1), 1: (-1, 2), 2: (0, 1), 3: (0, 0), 4: (1, 0),
     5: (2, -1), 7: (1, -1), 8: (0, -1), 9: (-1, -1), 11: (-1, 0),
 }  # fmt: skip
-"""Place of each taxel on a module, in steps along two lattice axes 60 degrees apart. Taxel 3 is the centre.
+"""Place of each taxel on a triangular module of the iCub's skin, by channel: steps along two lattice axes 60
+degrees apart. Taxel 3 is the centre.
 
-Channels 6 and 10 are thermal pads. The places were derived from the positions in pyCub. These places
-agree with pyCub's positions of every module within 0.03 mm."""
+Channels 6 and 10 are thermal pads. The places were derived from the positions in pyCub, and agree with the
+positions of every module within 0.03 mm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,10 +171,11 @@ def tangents(normals: Array) -> Array:
 
 
 def _cone(cone: TruncatedCone) -> tuple[Array, Array, Array, NDArray[np.intp]]:
-    """Returns positions, normals, areas and faces of the taxels on a cone.
+    """Returns positions (n, 3) [m], outward normals (n, 3), areas (n,) [m2] and triangles (f, 3) of the
+    taxels on a cone (eqs 3-4).
 
-    The first and the last ring of taxels are at the ends of the cone. A taxel at x and theta has the position
-    (r(x) cos theta, r(x) sin theta, -x) in the cone's frame (eqs 3-4).
+    Positions and normals are in the frame of the patch's link. The first and the last ring of taxels are at
+    the ends of the cone.
     """
     ring, place = np.divmod(np.arange(cone.rings * cone.per_ring), cone.per_ring)
     share = ring / (cone.rings - 1) if cone.rings > 1 else np.full(len(ring), 0.5)
@@ -191,9 +193,11 @@ def _cone(cone: TruncatedCone) -> tuple[Array, Array, Array, NDArray[np.intp]]:
 
 
 def _ring_strips(rings: int, per_ring: int) -> NDArray[np.intp]:
-    """Returns triangles (f, 3) between each ring of a cone and the next ring.
+    """Returns the triangles (f, 3) between each ring of taxels on a cone and the next ring, as indices of
+    taxels.
 
-    The taxels of the next ring are shifted by half the distance between two taxels of a ring.
+    Each ring has `per_ring` taxels. Successive rings are turned against each other by half the distance
+    between two taxels.
     """
     if rings < 2 or per_ring < 2:
         return np.zeros((0, 3), np.intp)  # taxels on one line, or in one plane across
@@ -212,9 +216,11 @@ def _ring_strips(rings: int, per_ring: int) -> NDArray[np.intp]:
 def _modules(
     robot: Robot, patch: Patch, modules: TriangularModules, kinematics: KinematicChain
 ) -> tuple[Array, Array, Array, NDArray[np.intp]]:
-    """Returns positions, normals, areas and channels of flat modules.
+    """Returns positions (n, 3) [m], outward normals (n, 3), areas (n,) [m2] and channels (n,) of the taxels
+    on the flat modules of a patch.
 
-    The z axes of the modules' frames point outward.
+    Positions and normals are in the frame of the patch's link. The z axes of the modules' frames must point
+    outward.
     """
     poses = _frames(robot, patch, modules, kinematics)
     turns = modules.turns or (0.0,) * len(poses)
@@ -234,7 +240,8 @@ def _modules(
 def _frames(
     robot: Robot, patch: Patch, modules: TriangularModules, kinematics: KinematicChain
 ) -> list[Array]:
-    """Returns `T_LF` (4, 4) of each module's frame F in the patch's link."""
+    """Returns the pose `T_LF` (4, 4) of each module's frame F in the frame of the patch's link. Raises
+    DescriptionError if a joint is between a module and the link."""
     found = []
     for angle in (0.0, 0.3):
         poses = kinematics.poses(np.full(len(robot.servos), angle), [patch.link, *modules.frames])
@@ -278,9 +285,10 @@ def find_neighbours(positions: Array, normals: Array, distance: float | None = N
     """Returns pairs (m, 2) of neighbouring taxels, which are near each other and have similar normals.
 
     In a pair, the lower index is first. Taxels are near each other if their distance is at most `distance`
-    [m]. If `distance` is None, the result of `neighbour_distance` is used instead. In this case, two taxels
-    on opposite sides of a wider gap are also neighbours if the ball between them contains no other taxel
-    (Gabriel and Sokal 1969). The reason: one finger on the gap presses both taxels.
+    [m]. If `distance` is None, a limit that follows from the spacing of the taxels (`neighbour_distance`) is
+    used instead. In this case, two taxels on opposite sides of a wider gap are also neighbours if the ball
+    between them contains no other taxel (Gabriel and Sokal 1969). The reason: one finger on the gap presses
+    both taxels.
     """
     near = neighbour_distance(positions) if distance is None else distance
     widest = GAP if distance is None else distance

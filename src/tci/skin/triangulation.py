@@ -27,8 +27,8 @@ unrolled skin of a limb is copied to both of its sides. Without these shifts, th
 lattice would differ between these copies."""
 
 FLAT = 1e-9
-"""Three taxels count as being on one line if twice the area of their triangle, divided by the square of the
-longer edge at the first taxel, is at most this value. Assumed: rounding errors are smaller."""
+"""Three taxels count as being on one line if twice the area of their triangle is at most this fraction of the
+square of the longer edge at the first taxel. Assumed: rounding errors are smaller."""
 
 _NONE = np.zeros((0, 3), np.intp)
 
@@ -43,8 +43,8 @@ def is_sheet(normals: Array) -> bool:
 def triangulate(positions: Array, normals: Array) -> NDArray[np.intp]:
     """Returns triangles (f, 3) between taxels at `positions` (n, 3) [m] with `normals` (n, 3).
 
-    The result is empty for taxels on one line, or if a taxel is farther than OFF from the nearest corner of a
-    triangle.
+    The result is empty for taxels on one line, or if a taxel is farther than 1 mm (`OFF`) from the nearest
+    corner of a triangle.
     """
     places, index = np.unique(positions, axis=0, return_index=True)
     if len(places) < 3 or np.linalg.matrix_rank(places - places.mean(axis=0), tol=1e-6) < 2:
@@ -63,19 +63,19 @@ def outward(faces: NDArray[np.intp], positions: Array, normals: Array) -> NDArra
 
 
 def _on_plane(places: Array, normals: Array) -> NDArray[np.intp]:
-    """Returns triangles (f, 3) of a sheet, computed in the plane perpendicular to its mean normal."""
+    """Returns triangles (f, 3) between the taxels of a sheet (flat skin), as indices of taxels."""
     across = np.linalg.svd(normals.mean(axis=0, keepdims=True))[2][1:]
     return _delaunay(places @ across.T)
 
 
 def _between(places: Array, normals: Array) -> NDArray[np.intp]:
-    """Returns the triangle (1, 3) between three taxels of a limb. The result is empty (0, 3) if the triangle
-    passes through the limb."""
+    """Returns the triangle (1, 3) between the three taxels of a limb, or no triangle (0, 3) if this triangle
+    would pass through the limb."""
     return _skin_only(np.arange(3)[None], places, normals)
 
 
 def _around_axis(places: Array, normals: Array) -> NDArray[np.intp]:
-    """Returns triangles (f, 3) of a limb, computed on its unrolled skin."""
+    """Returns triangles (f, 3) between the taxels of skin around a limb, as indices of taxels."""
     unrolled, turn, _ = unroll(places, normals)
     unrolled += TIE * np.random.default_rng(0).standard_normal(unrolled.shape)
     n = len(places)
@@ -95,8 +95,8 @@ def unroll(places: Array, normals: Array) -> tuple[Array, float, Array]:
     vector points along the axis. The second and third are perpendicular to the axis: the angle around the
     axis increases from the second to the third.
 
-    The axis is in the direction in which the normals vary least. Of all lines in this direction, the axis is
-    the line nearest to the lines along the normals.
+    The axis is in the direction in which the normals vary least. It passes as near as possible to the
+    straight lines through the taxels along their normals.
     """
     axes = np.linalg.eigh(np.cov(normals.T))[1].T
     along, flat, out = places @ axes[0], places @ axes[1:].T, normals @ axes[1:].T
@@ -110,9 +110,8 @@ def unroll(places: Array, normals: Array) -> tuple[Array, float, Array]:
 
 
 def _skin_only(faces: NDArray[np.intp], places: Array, normals: Array) -> NDArray[np.intp]:
-    """Returns the `faces` (f, 3) without the faces that close the open ends of a limb.
-
-    There is no skin at these ends.
+    """Removes from the triangles `faces` (f, 3) those that close the open ends of a limb, where there is no
+    skin.
     """
     towards = normals[faces].mean(axis=1)
     across = np.abs(np.einsum("fi,fi->f", _unit_normals(faces, places), towards))

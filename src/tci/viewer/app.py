@@ -58,8 +58,8 @@ class Viewer:
         use."""
         self.sources: Mapping[str, Source] = _by_key(sources)
         self.sessions = {key: source for key, source in self.sources.items() if isinstance(source, Session)}
-        """Sources with a running robot, by the robot's name. A second robot with one name gets a number after
-        the name. Recordings are not included."""
+        """Sources with a running robot, by the robot's name. If several robots have one name, a number after
+        the name distinguishes them. Recordings are not included."""
         names = " and ".join(dict.fromkeys(_title(source) for source in sources))
         self.server, self.guard, self.address = open_server(host, port, label="TCI", title=f"{names} - TCI")
         self._was_opened = False

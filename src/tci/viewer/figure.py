@@ -181,12 +181,13 @@ class Figure:
         return transform(self._data.xmat[body].reshape(3, 3), np.array(self._data.xpos[body]))
 
     def _facing(self) -> Array:
-        """Returns `R_SW` (3, 3), the rotation around z that turns the front of the torso to the x axis."""
+        """Returns the rotation `R_SW` (3, 3) around the vertical axis that turns the front of the robot's
+        torso to the x axis."""
         forward = (self._pose(self._torso_body) @ self._T_LT)[:3, 0]
         return rotation_z(-float(np.arctan2(forward[1], forward[0])))
 
     def _extent(self) -> tuple[Array, Array]:
-        """Returns the lowest and the highest coordinates, each (3,) [m], of the visible geoms in the model's
+        """Returns the lowest and the highest coordinates, each (3,) [m], of the robot's visible shapes in the
         present posture."""
         reach = self._model.geom_rbound[:, None]
         shown = (self._model.geom_group < 3) & (self._model.geom_rbound > 0.0)
@@ -234,8 +235,9 @@ class Figure:
         )
 
     def _lift(self, name: str) -> Array:
-        """Returns the distance (taxels,) [m] from each taxel to the outside of the cover above it, or 0 if no
-        part of the link covers the taxel. The taxels are drawn on the outside of the cover."""
+        """Returns the distance (taxels,) [m] from each taxel of the patch `name` to the outside of the cover
+        above the taxel, where the taxel is drawn. The distance is 0 if no part of the link covers the taxel.
+        """
         surface = self.skin.surfaces[name]
         T_WL = self._pose(self._links[name])
         starts = apply(T_WL, surface.positions + COVER * surface.normals)
@@ -264,8 +266,8 @@ class Figure:
             handle.batched_colors = sent
 
     def _tint(self, position: Array) -> None:
-        """Computes the colour of each taxel at rest: the colour of the receptive field that contains the
-        taxel."""
+        """Computes the colour of each taxel at rest, for the servo angles `position` [rad]: the colour of the
+        receptive field that contains the taxel."""
         joints = JointReading(0.0, 0, position, np.zeros_like(position))
         for name, surface in self.skin.surfaces.items():
             patch = self.robot.patch(name)

@@ -55,6 +55,7 @@ class Framing:
                 handle.minimize()
 
     def _half(self, aspect: float) -> float:
-        """Returns half the height [m] of the picture at the distance of the robots."""
+        """Returns half the height [m] that a picture shows at the distance of the robots. `aspect` is the
+        width of the picture divided by its height."""
         across, up = self._reach
         return max(up, across / aspect)

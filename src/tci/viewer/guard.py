@@ -103,8 +103,9 @@ class Guard:
         return ""
 
     def _is_here(self, host: str) -> bool:
-        """Returns True if a Host header names this machine. Numeric addresses are accepted, because DNS
-        rebinding is not possible without a DNS name."""
+        """Returns True if `host`, the Host header of a request, names this machine. Numeric addresses are
+        accepted too, because DNS rebinding is not possible without a DNS name. A server that listens on this
+        machine only accepts only loopback addresses."""
         try:
             name = urlsplit(f"//{host}").hostname or ""
         except ValueError:
@@ -127,12 +128,12 @@ class Guard:
 
 
 def _bounded() -> type[ServerConnection]:
-    """Returns a class for the connections of one server. The number of these connections is limited."""
+    """Returns a class for the connections of one server, which limits their number."""
     limit = ConnectionLimit()
 
     class Bounded(ServerConnection):
-        """A connection of the server. The connection closes if there are too many connections, and is
-        untrusted until its first request is permitted."""
+        """A client's connection to the server. The server may close it if there are too many connections. The
+        connection is untrusted until its first request is permitted."""
 
         def connection_made(self, transport: asyncio.BaseTransport) -> None:
             super().connection_made(transport)
@@ -154,10 +155,11 @@ def _bounded() -> type[ServerConnection]:
 class LoopEvent(asyncio.Event):
     """An event that only the thread of the event loop may set. Other threads must use `call_soon_threadsafe`.
 
-    viser sets the event that wakes its sender in two ways: by the safe call, and directly from other threads.
-    The direct call may come after the sender has found the event unset, but before the sender waits for the
-    event. The safe call, which follows, then finds the event already set and wakes nobody. In this case the
-    sender waits for ever, and the page gets no more updates, although messages from the page still arrive.
+    viser sets this event, which wakes its sender, in two ways: by the safe call, and directly from other
+    threads. The direct call may come after the sender has found the event unset, but before the sender waits
+    for the event. The safe call, which follows, then finds the event already set and wakes nobody. In this
+    case the sender waits for ever, and the page gets no more updates, although messages from the page still
+    arrive.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -178,8 +180,8 @@ def close_server(server: viser.ViserServer) -> None:
 
 
 def _adapt_page(response: Response, title: str) -> None:
-    """Sets the title of the page, and adds a script that shows a message on the page when the server has
-    ended."""
+    """Sets the title of the HTML page in `response`, and adds a script that shows a message on the page when
+    the server has ended."""
     if not response.headers.get("Content-Type", "").startswith("text/html"):
         return
     script = f"<script>{SCRIPT}</script></head>".encode()

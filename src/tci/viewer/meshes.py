@@ -16,9 +16,9 @@ CELL, COARSER = 0.003, 1.25
 """Edge [m] of the cubes in which vertices are merged, and the factor by which the edge is enlarged until
 there are few enough triangles. Assumed: a balance of detail and transfer time."""
 ENOUGH, COARSEST = 4000, 0.006
-"""Vertices that lie in one cube are merged, with larger and larger cubes. ENOUGH: number of triangles of one
-colour on one body at which this ends. COARSEST: longest edge [m] of a cube. On a body with skin, the cubes
-are not enlarged. Assumed: a balance of detail and transfer time."""
+"""Vertices that lie in one cube are merged, with larger and larger cubes, until a body has at most ENOUGH
+triangles of one colour. COARSEST: longest edge [m] of a cube. On a body with skin, the cubes are not
+enlarged. Assumed: a balance of detail and transfer time."""
 
 ROUND = 32
 """Number of sides of a round shape. Assumed: with so many sides the shape looks round on a screen."""
@@ -64,8 +64,8 @@ def body_meshes(model: mujoco.MjModel, covered: set[int]) -> list[BodyMesh]:
 
 
 def _triangles(model: mujoco.MjModel, geom: int) -> tuple[Array, NDArray[np.intp]] | None:
-    """Returns vertices (n, 3) and faces (m, 3) of a geom (a shape in MuJoCo) in the geom's own frame. Returns
-    None if the geom is not drawn."""
+    """Returns vertices (n, 3) [m] and triangles (m, 3) of a shape of the MuJoCo model, in the shape's own
+    frame. `geom` is the index of the shape. Returns None if the shape is not drawn."""
     kind, size = int(model.geom_type[geom]), model.geom_size[geom]
     kinds = mujoco.mjtGeom
     if kind == kinds.mjGEOM_MESH:
@@ -98,12 +98,13 @@ _SIDES = np.array([
     (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
     (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
 ], np.intp)  # fmt: skip
-"""Triangles (12, 3) of the cube, with corners in anticlockwise order seen from outside."""
+"""Triangles (12, 3) of the cube, as indices of its corners, in anticlockwise order seen from outside."""
 
 
 def _turned(profile: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Returns the surface that `profile` (k, 2) covers when it turns about the z axis. Each row of the
-    profile contains radius and z [m]. The profile runs from top to bottom; both ends are on the z axis."""
+    """Returns vertices (n, 3) [m] and triangles (m, 3) of the surface that a profile covers when it turns
+    about the z axis. Each row of `profile` (k, 2) contains radius and z [m]. The profile runs from top to
+    bottom; both ends are on the z axis."""
     angle = 2.0 * np.pi * np.arange(ROUND) / ROUND
     radius, z = profile[:, :1], profile[:, 1:]
     rings = np.stack([radius * np.cos(angle), radius * np.sin(angle), z + 0.0 * angle], axis=2)
@@ -121,9 +122,9 @@ def _joined(shapes: list[tuple[Array, NDArray[np.intp]]]) -> tuple[Array, NDArra
 
 
 def _lighter(vertices: Array, faces: NDArray[np.intp], *, coarsest: float) -> tuple[Array, NDArray[np.intp]]:
-    """Reduces the number of triangles: replaces the vertices in each cube by their mean (Rossignac and Borrel
-    1993). The edge of the cubes grows until few enough triangles remain (`ENOUGH`), but at most up to
-    `coarsest` [m]."""
+    """Returns a mesh with fewer triangles: all vertices in one cube are replaced by their mean (Rossignac and
+    Borrel 1993). The edge of the cubes is at most `coarsest` [m]. A mesh with few triangles (`ENOUGH`) is
+    returned unchanged."""
     fewer, cell = (vertices, faces), CELL
     while len(fewer[1]) > ENOUGH and cell <= coarsest:
         fewer = _merged(vertices, faces, cell)
@@ -132,7 +133,8 @@ def _lighter(vertices: Array, faces: NDArray[np.intp], *, coarsest: float) -> tu
 
 
 def _merged(vertices: Array, faces: NDArray[np.intp], size: float) -> tuple[Array, NDArray[np.intp]]:
-    """Merges the vertices in each cube of `size` [m], and removes triangles with two equal corners."""
+    """Merges the vertices in each cube with an edge of `size` [m], and removes triangles with two equal
+    corners."""
     _, cell = np.unique(np.floor(vertices / size).astype(np.int64), axis=0, return_inverse=True)
     cell = cell.ravel()
     count = np.bincount(cell)

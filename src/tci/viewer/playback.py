@@ -95,12 +95,12 @@ class Playback:
             player.speed = speed
 
     def update(self) -> None:
-        """Updates the slider in viser's thread, so that a person's input is handled first."""
+        """Updates the slider in viser's thread, after the inputs of a person that have already arrived."""
         self._server.get_event_loop().call_soon_threadsafe(self._follow)
 
     def _follow(self) -> None:
-        """Moves the slider, unless a person has just moved this slider. Also updates the label (Play or
-        Pause) of the button."""
+        """Moves the slider to the present time of the recording, unless a person has just moved the slider.
+        Also updates the button's label (Play or Pause)."""
         value = min(round(self.time, 2), self.slider.max)
         if time.monotonic() - self._touched > MINE and abs(value - self.slider.value) > STEP / 2.0:
             self.slider.value = value  # type: ignore[misc] # viser's types say read-only

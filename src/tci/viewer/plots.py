@@ -27,8 +27,8 @@ class Plots:
     """Plots in a separate panel of the page."""
 
     def __init__(self, server: viser.ViserServer, titles: Mapping[str, str], parts: tuple[str, ...]) -> None:
-        """Adds the plots. `titles` contains the title of each robot by key. On the page, a person can choose
-        one of the generic parts `parts`."""
+        """Adds the plots. `titles` contains the title of each robot, with the keys that `update` uses. On the
+        page, a person can choose one of the generic parts `parts`."""
         self._titles = dict(titles)
         self._gui = server.gui
         self._part = self._gui.add_dropdown("arm", parts) if parts else None
@@ -89,8 +89,8 @@ def _scales(ends: tuple[float, float]) -> dict[str, uplot.Scale]:
 
 
 def _top(rows: list[Array], least: float) -> float:
-    """Returns the upper end of an axis: `least` times the smallest of 1, 2, 5, 10, 20 ... for which
-    the product is above all values."""
+    """Returns a round upper end for an axis: `least` times the smallest of 1, 2, 5, 10, 20 ... with which the
+    end is above all values of `rows`."""
     largest = max((float(row.max()) for row in rows), default=0.0)
     decade = 1.0
     while True:
@@ -109,8 +109,9 @@ def _around(rows: list[Array]) -> tuple[float, float]:
 
 
 def _on_grid(before: Array, values: Array) -> Array:
-    """Resamples values to the plotted times. Before the first value, the result repeats this value, because
-    uPlot can't scale NaN."""
+    """Interpolates `values` at the plotted times. `before` are the times [s] of the values relative to now.
+    At times before the first value, the result repeats this value, because uPlot can't scale NaN. With fewer
+    than two values, the result is 0."""
     if len(before) < 2:
         return np.zeros(len(GRID))
     return np.interp(GRID, before, values)

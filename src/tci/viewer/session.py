@@ -49,7 +49,7 @@ GAP = 0.01
 approach."""
 LEAVE, STAY = 0.3, 1.5
 """Times [s] after which the finger leaves the robot: LEAVE after the finger lost contact, or STAY after it
-began to touch. Assumed: long enough for a person to see the touch."""
+began to touch, whichever is earlier. Assumed: long enough for a person to see the touch."""
 
 
 class _Closed(Exception):
@@ -224,7 +224,7 @@ class Session:
                         self.world.advance(self.world.time + IDLE * self.pace)
 
     def _watch(self) -> None:
-        """Creates views of a robot without commanding the robot."""
+        """Reads a robot and updates the page, without commanding the robot, until the session ends."""
         perceiver = Perceiver(GenericBody(self.robot), keep_alive=self.driver.info.keep_alive)
         for now in self.driver.ticks():
             reading = self.driver.read()
@@ -274,7 +274,8 @@ class Session:
         self._between(tick.now)
 
     def _rehearse(self, tick: Tick) -> None:
-        """Records the gate's answer to the injected fault, and adds an event when the fault is over."""
+        """Records the gate's answer to a fault that was injected on purpose, and adds an event to the page
+        when the fault is over."""
         rehearsal = self.rehearsal
         if rehearsal is None or rehearsal.over:
             return
@@ -284,8 +285,8 @@ class Session:
             self.say(rehearsal.words)
 
     def _tell_moves(self, tick: Tick) -> None:
-        """Adds an event if a patch is touched, or a part is commanded, after a pause without touches of this
-        patch or commands of this part."""
+        """Adds an event to the page if a patch is touched, or a part is commanded, for the first time after a
+        pause."""
         for contact in tick.perception.contacts:
             if tick.now - self._noted.get(contact.patch, -np.inf) > QUIET:
                 self.say(touched(contact, self.fields))
@@ -301,7 +302,7 @@ class Session:
         self.history.add(view)
 
     def _between(self, now: float) -> None:
-        """Runs the posted actions between two periods and waits for real time."""
+        """Runs the actions that other threads have requested, and then waits until the next period begins."""
         self._take_finger_away()
         while True:
             self._serve_inbox()

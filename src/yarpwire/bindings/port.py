@@ -120,8 +120,8 @@ class BindingsPort:
         return True
 
     def _answer(self, writer: Any, answer: Sequence[Any] | str | bytes) -> None:
-        """Writes the answer as bytes, since YARP's class Bottle can't express all replies of the dialect
-        4.x."""
+        """Writes the answer to a call into YARP's `writer`, as bytes, since YARP's class Bottle can't express
+        all replies of the dialect 4.x."""
         if not isinstance(answer, bytes):
             answer = encode_bottle([answer] if isinstance(answer, str) else answer, self._dialect)
         words, rest = divmod(len(answer), 4)

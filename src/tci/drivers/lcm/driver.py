@@ -175,7 +175,7 @@ class LcmServer(RemoteServer):
         self._homes: dict[int, Address] = {}
         self.rejected = 0
         """Number of rejected messages. A message is rejected if it has no valid orders for this robot, or if
-        a process at another address has used its client number before."""
+        its client number belongs to a process at another address."""
         self._facts, self._due = facts_bytes(driver.robot), -float("inf")
         self._open = True
 

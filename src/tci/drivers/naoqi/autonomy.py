@@ -119,7 +119,7 @@ def switch_on(session: Any, found: list[Mover]) -> list[str]:
 
 class Lookout:
     """Detects that a person or another program switches autonomous life on. Queries the state in the
-    background, at most once per `EVERY`."""
+    background, at most once a second."""
 
     def __init__(self, session: Any, *, was_off: bool) -> None:
         """Prepares the queries of the state of autonomous life. `was_off` is True if autonomous life was off

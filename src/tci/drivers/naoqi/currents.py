@@ -39,9 +39,9 @@ class Currents:
     def torque(self, values: Sequence[Any], position: Array) -> Array:
         """Returns the torques (n,) [N m] of all servos.
 
-        `values` are the values of `keys`, and `position` (n,) [rad] are the measured angles. The torque of a
-        servo is NaN if the servo's constant [N m/A] is unknown, or if one of the servo's values is not a
-        number.
+        `values` are the values that ALMemory has for the attribute `keys`: first motor currents [A], then
+        commanded angles [rad]. `position` (n,) [rad] are the measured angles. The torque of a servo is NaN if
+        the servo's constant [N m/A] is unknown, or if one of the servo's values is not a number.
         """
         numbers = [value if isinstance(value, int | float) else np.nan for value in values]
         amperes, wanted = np.array(numbers, dtype=float).reshape(2, -1)

@@ -104,7 +104,7 @@ def service(session: Any, name: str) -> Any:
     """Returns a service by name. Waits for the service, since a robot that was just switched on is still
     starting.
 
-    Raises DriverError if the service is not available within TIMEOUT.
+    Raises DriverError if the service is not available within 3 s.
     """
     until = time.monotonic() + TIMEOUT
     while True:

@@ -19,7 +19,8 @@ from tci.gate.gate import SafeCommand
 
 AHEAD = 2.0 * CYCLE
 """Lead time [s] of targets: each target is the position that the gate has planned for the present time plus
-AHEAD. Assumed: two periods of ALMotion."""
+AHEAD. Assumed: within two periods of ALMotion the next target arrives, so that ALMotion does not come to
+rest."""
 CATCH_UP = 0.05
 """Time [s] in which a servo reaches its target at the sent speed. The distance to the target is counted from
 the measured position or from the previous target, whichever is farther from the new target. Assumed: a little

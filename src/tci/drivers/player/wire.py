@@ -184,8 +184,8 @@ def access(interface: int, index: int, mode: int, robot: int, driver: bytes = b"
 
 
 def to_access(body: bytes) -> tuple[int, int, int]:
-    """Returns interface, index and mode from bytes that `access` returned. Raises FrameError if the bytes are
-    invalid."""
+    """Reads a device's interface, index and access mode from the body of a request for access, or of its
+    answer. Raises FrameError if the bytes are invalid."""
     if len(body) < 20:
         raise FrameError(f"Player: access to a device in {len(body)} bytes; valid: 20 and a name")
     interface, index, mode = struct.unpack_from(">III", body, 8)

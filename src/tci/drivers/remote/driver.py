@@ -39,9 +39,9 @@ shorter period than this. If a patch sends no frame in this time, the driver ope
 conditioning detects that the patch is dead."""
 WINDOW = 1.0
 """Length [s] of the time window that determines the normal delay of the transport. The normal delay is the
-shortest delay of all states that arrived in the window. A state with a longer delay has arrived late. A long
-gap between two states counts only as the gate's `stale_after` [s], so delays from before the gap stay in the
-window. Assumed: many states arrive in this time."""
+shortest delay of all states that arrived in the window. A state with a longer delay has arrived late. A gap
+between two states that is longer than the gate's `stale_after` [s] counts as `stale_after`, so delays from
+before the gap stay in the window. Assumed: many states arrive in this time."""
 
 
 class RemoteDriver(Driver):

@@ -88,7 +88,8 @@ class Orders:
     session: int
     """`State.session` of the state to which this message is the reply."""
     seen: float
-    """`State.sent` [s] of the state to which this message is the reply."""
+    """Time [s] at which the state that this message answers was sent, on the monotonic clock of the robot's
+    process."""
     client: int
     """Random number of the sender. Each start of the sender has a new number."""
     name: str

@@ -14,7 +14,7 @@ from tci.robot.description import Robot
 class WholeParts:
     """Turns commands to some joints of a robot part into commands to all joints of the part.
 
-    Joints without a command keep the position that they had when another joint of the part came under
+    Joints without a command keep the position that they had when the first joint of their part came under
     command.
     """
 

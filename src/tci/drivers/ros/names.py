@@ -20,8 +20,7 @@ class Names:
     """
 
     def __init__(self, robot: Robot, middleware: str, namespace: str) -> None:
-        """Reads the names from the robot's binding to `middleware`. `namespace` is a result of
-        `namespace_of`.
+        """Reads the names from the robot's binding to `middleware`. `namespace` begins with `/`, or is empty.
 
         Raises DriverError if two servos, two parts or two patches would have equal names in ROS.
         """

@@ -12,8 +12,8 @@ from tci.errors import DriverError, TciError
 from tci.rosmsg.cdr import MessageType
 
 Publish = Callable[[Sequence[Any]], None]
-"""Function that sends one message. The argument has the message's values in the order of
-`MessageType.flat`."""
+"""Function that sends one message. The argument has the values of the message's fields in the order of
+`MessageType.flat`: first the header, if the message has one."""
 Callback = Callable[[Mapping[str, Any]], None]
 """Function that handles one message. The argument has the fields that `tci.rosmsg.cdr.decode` returns. If the
 function raises an error, the node drops the message and counts the message as rejected."""

@@ -33,8 +33,8 @@ class Trees:
         self._new, self._get, self._time = new, get, time
 
     def grow(self, kind: MessageType, values: Sequence[Any]) -> Any:
-        """Returns a message as an object of the library, with the fields `values` in the order of
-        `kind.flat`."""
+        """Returns a message as an object of the library. The `values` are in the order of the message's
+        fields; if the message has a header, `sec`, `nanosec` and `frame_id` come first."""
         fields: dict[str, Any] = {}
         if kind.headed:
             sec, nanosec, frame = values[:3]

@@ -32,7 +32,8 @@ LAST = 5
 
 
 class FingerMotors:
-    """The motors of one hand. The motors keep the latest targets until `release`."""
+    """The motors of one hand. `repeat` sends the latest targets again and again, until `release` switches the
+    motors off."""
 
     def __init__(self, node: UnitreeNode, hand: Hand) -> None:
         """Opens the topic of commands. Raises DriverError if another program commands this hand."""

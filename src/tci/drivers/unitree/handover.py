@@ -51,8 +51,8 @@ class Phase(IntEnum):
     WAITING = 0
     """The robot's own controller moves the motors. TCI sends nothing."""
     TAKING = 1
-    """TCI takes the motors. The weight of TCI's targets (see `Handover.weight`) rises. The targets stay at
-    the posture that the robot had at the beginning of this phase."""
+    """TCI takes the motors. Over rt/arm_sdk, the weight of TCI's targets rises; over rt/lowcmd, the motors'
+    stiffness. The targets stay at the posture that the robot had at the beginning of this phase."""
     LEADING = 2
     """TCI moves the motors, which follow TCI's targets."""
     GIVING = 3
@@ -124,9 +124,9 @@ class Handover:
         """Begins to hand back the motors of a robot whose posture changed from `before` to `posture` (29,)
         [rad] while no states arrived.
 
-        If a motor is now farther from its target than before the gap, by more than MOVED_AWAY, its present
-        angle becomes its new target: the old target would cause a step. Other targets do not change, since a
-        loaded motor is always at a small distance from its target.
+        If a motor is now farther from its target than before the gap, by more than 0.1 rad, its present angle
+        becomes its new target: the old target would cause a step. Other targets do not change, since a loaded
+        motor is always at a small distance from its target.
         """
         self.give()
         goal = self._goal[Q]

@@ -73,7 +73,7 @@ class Health:
         return now - self._heard
 
     def passing(self, now: float) -> str:
-        """Returns the reason to send no commands at `now` [s]: the latest usable state is older than `STALE`,
+        """Returns the reason to send no commands at `now` [s]: the latest usable state is older than 0.1 s,
         or there is none yet. The text is empty if commands may be sent."""
         if self.state is None:
             wrong = f" ({self.wrong} with a wrong checksum)" if self.wrong else ""

@@ -46,8 +46,8 @@ class Status(NamedTuple):
 
 
 class HeldMotors:
-    """Starts the keeper, a process that sends the commands to the motors, and communicates with it. If this
-    process ends, the keeper continues until it has handed the motors back."""
+    """Starts the keeper, a process that sends the commands to the motors, and communicates with it. If the
+    driver's process ends, the keeper continues until it has handed the motors back."""
 
     def __init__(self, where: UnitreeAddress, period: float, node: UnitreeNode, health: Health) -> None:
         """Starts the keeper. The keeper takes the motors only after a call of `take`. `node` and `health`

@@ -36,8 +36,9 @@ TAKE, GIVE, FOLLOW = b"T", b"G", b"F"
 The kind is the first byte of a message."""
 FOLLOWS = struct.Struct(f"<c{MOTORS}?{ROWS * MOTORS}d")
 STATUS = struct.Struct("<B?d")
-"""First values of a status message: the phase of the handover, True if a fault lasts until a person connects
-again, and `Handover.weight`. The rest of the message is the reason of the fault as text."""
+"""First values of a status message: the phase of the handover, True after a fault that lasts until a person
+connects again, and the degree (0..1) to which TCI has taken the motors (`Handover.weight`). The rest of the
+message is the reason of the fault as text."""
 DISCOVERY = 0.5
 """Time [s] for which the keeper searches for other programs that write commands. The time starts with the
 first state, and only after this time the keeper takes the motors. Assumed: DDS participants answer a new

@@ -42,7 +42,7 @@ class SetPoints:
 
     def here(self, posture: Array) -> tuple[NDArray[np.bool_], Array]:
         """Returns a mask (29,), True for all motors, and targets (5, 29) with which the motors hold `posture`
-        (29,) [rad]. The targets have the rows that `SetPoints.of` explains."""
+        (29,) [rad]. The rows of the targets are angle, velocity, torque, stiffness and damping."""
         targets = np.zeros((ROWS, MOTORS))
         targets[Q], targets[KP:] = posture, self._gains
         return np.ones(MOTORS, dtype=bool), targets

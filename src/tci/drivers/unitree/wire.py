@@ -119,7 +119,8 @@ class HandState(NamedTuple):
     motors: NDArray[np.void]
     """States of the motors (m,), as records MOTOR_STATE."""
     pads: NDArray[np.void]
-    """States of the press sensors (p,), as records PRESS."""
+    """States of the press sensors (p,): records with the fields `pressure`, `temperature`, `lost` and
+    `reserve`."""
     errors: NDArray[np.uint32]
     """Error codes (2,) that the hand reports; 0 means no error."""
 

@@ -35,8 +35,8 @@ def names_of(board: Board) -> tuple[str, ...]:
 def find_axes(board: Board, servos: Sequence[Servo]) -> Axes:
     """Reads a board's axes and assigns the axes to `servos`: by name if the board has all names, otherwise by
     number. A board may lack a servo that moves no link of the robot's model, such as a finger or eye of the
-    iCub in Gazebo. If the board has too few axes and at least one servo's name, such a servo gets an axis
-    only by name: the axis with its number may belong to a tool.
+    iCub in Gazebo. If the board has too few axes but knows some names, a servo that moves no link gets an
+    axis only by its name, because the axis with its number may belong to a tool.
 
     Raises DriverError if the board does not answer, if it lacks a servo that moves a link, or if its axis
     numbers differ from those in the description.

@@ -134,8 +134,8 @@ class BoardDriver:
         return latest.sequence if latest is not None else 0
 
     def modes(self, state: BoardState) -> list[tuple[Mode | None, bool]]:
-        """Returns for each servo its control mode in `state`, and True if the servo is on. The mode of a
-        servo that is off (see `MOVING`) is None."""
+        """Returns for each servo its control mode in `state`, and True if the servo is on. A servo that is
+        off, for example idle or in fault, has the mode None."""
         found: list[tuple[Mode | None, bool]] = []
         for axis in self.axes.numbers:
             mode = MOVING.get(state.modes[axis] if state.modes is not None else POSITION)
@@ -157,9 +157,9 @@ class BoardDriver:
     def send(self, safe: SafeCommand, ahead: Array) -> None:
         """Switches the board's servos to the modes in a command, then sends their set-points.
 
-        `ahead` (k,) [rad] are the planned positions of the command's servos at the present time plus AHEAD.
-        The board may take a period to answer a change of mode. Therefore, if the board refuses a mode, a
-        later call of `send` raises DriverError.
+        `ahead` (k,) [rad] are the planned positions of the command's servos at the present time plus the lead
+        time `AHEAD`. The board may take a period to answer a change of mode. Therefore, if the board refuses
+        a mode, a later call of `send` raises DriverError.
         """
         self._settle()
         mine = self._mine

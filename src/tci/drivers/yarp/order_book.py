@@ -66,7 +66,7 @@ class OrderBook:
         return mine
 
     def judge(self, passed: Sequence[Order], reasons: Sequence[Reason]) -> None:
-        """Records the gate's decision on the orders that were taken last.
+        """Records the gate's decision on the orders that `take` has returned since the last decision.
 
         `passed` are the orders that the gate accepted, `reasons` the reasons why it refused the rest.
         """
@@ -101,7 +101,7 @@ class OrderBook:
     def settle(self) -> None:
         """Waits until the orders of the calling thread have a result.
 
-        Raises CommandError if an order is refused, or if an order has no result after SETTLE [s].
+        Raises CommandError if an order is refused, or has no result after one second.
         """
         mine, self._mine.orders = self._mine.orders, None
         until = time.monotonic() + SETTLE

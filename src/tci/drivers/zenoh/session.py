@@ -21,8 +21,8 @@ ADVICE = {
 }
 """Advice for errors of Zenoh that contain these words. Other errors are caused by the form of the address."""
 PENDING = 10_000
-"""Number of unauthenticated connections above which Zenoh refuses further connections. The number is larger
-than `ConnectionMonitor` allows, so that the rules of `ConnectionMonitor` apply."""
+"""Number of unauthenticated connections above which Zenoh refuses further connections. The number is so large
+that TCI's own limit (`ConnectionMonitor`) applies first."""
 LEASE = 2000
 """Time [ms] without data after which a connection counts as broken and is opened again. Assumed: short
 network failures last less time."""

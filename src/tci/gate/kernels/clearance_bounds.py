@@ -1,9 +1,9 @@
 """Lower bounds on the distances of pairs of links, computed without measuring distances.
 
-There are two bounds. The first bound is the distance measured at an earlier posture, minus the largest change
-that the joints can have caused since then (`Solids.levers`). The second bound is the distance between the
-projections of two convex shapes onto a line (separating axis, Ericson 2004, 5.2.1). The direction found in
-the last measurement is a good choice of this line for many later postures.
+There are two bounds. One is the distance measured at an earlier posture, minus the largest change that the
+joints can have caused since then. The other is the distance between the projections of the two links' convex
+shapes onto a line (separating axis, Ericson 2004, 5.2.1). Its direction is that between the two links in the
+last measurement.
 """
 
 from __future__ import annotations
@@ -17,39 +17,44 @@ from tci.frames import Array
 from tci.skin.kernels.arrays import Indices
 
 SOLIDS = returns(reads(2), reads(2), reads(2), reads(2), reads(2, int32), reads(2))
-"""Types of the arrays of joints, shapes, points, poses, pairs and levers: see `Solids`."""
+"""Numba types of the arrays `joints`, `shapes`, `points`, `poses`, `pairs` and `levers` of the class
+`Solids`, in this order."""
 KNOWN = returns(
     writes(2), writes(1), writes(2), writes(1, int32), writes(1), writes(1), writes(1), writes(2), writes(1)
 )  # fmt: skip
-"""Types of the arrays that store results for p pairs, and of the work space of the loops.
+"""Numba types of the nine arrays in which the loops of this file store the known distances of p pairs of
+collision shapes, and intermediate results.
 
-In this order:
+The arrays, in this order:
 
 - angles (j, p) [rad] of the j joints at which the distance of each pair was found
 - this distance (p,) [m], or a lower bound on it
-- axis (p, 3) from the first shape to the second shape; zeros if unknown
-- indices of the pairs (p,) that are still to be checked
-- lower bound (p,) [m] on the distance of each pair at the present point of a path, minus the safety margin
+- unit vector (p, 3) from the first to the second shape of each pair; zeros if unknown
+- indices of the pairs that may be too close and must be checked further, at the beginning of an array (p,)
+- lower bound (p,) [m] on the distance of each pair; while a path is checked: minus the distance that the pair
+  must keep
 - least allowed distance (p,) [m] of each pair
 - largest change (p,) [m] of each pair's distance from one point of the path to the next
-- positions [m] and rotation matrices (j, 12) of the joints' frames
+- position [m] (3 numbers) and rotation matrix (9 numbers) of each joint's frame (j, 12)
 - angles (j,) [rad] of the joints at which these frames were computed
 """
 Arrays = tuple[Array, ...]
 SPARE, WIDER = 0.002, 0.5
-"""Reserve on each side of a checked box of angles: SPARE [rad] plus the fraction WIDER of the box's width.
-Later boxes inside the enlarged box need no check. Assumed: SPARE is above the noise of encoders; a moving
-joint stays in the reserve for about ten periods."""
+"""Reserve by which a range of joint angles is extended at both ends before it is checked for collisions:
+SPARE [rad] plus the fraction WIDER of the range's width. Later ranges inside the extended range need no
+check. Assumed: SPARE is above the noise of encoders; a moving joint stays in the reserve for about ten
+periods."""
 PAUSE = 16
-"""Number of checks of boxes without the reserve (see `SPARE`) after the check of an enlarged box has failed,
-because links may come near each other in it. The first of them checks the present box again. Assumed: with
-this pause, the repeated checks take little time on average."""
+"""Number of collision checks without the reserve `SPARE`, after a check has failed with the reserve because
+links may come near each other there. Assumed: with this pause, the repeated checks take little time on
+average."""
 
 
 @inlined
 def place(joints: Array, angles: Array, frames: Array) -> None:
-    """Writes the position [m] and the rotation matrix of each joint's frame at `angles` (j,) [rad] into
-    `frames` (j, 12)."""
+    """Computes the pose of each joint's frame in the world at `angles` (j,) [rad], and writes it into
+    `frames` (j, 12): position [m] (3 numbers) and rotation matrix (9 numbers). `joints` (j, 7) is the array
+    of `Solids`."""
     for j in range(len(joints)):
         up = int(joints[j, 0])
         x, y, z = joints[j, 4], joints[j, 5], joints[j, 6]
@@ -72,7 +77,8 @@ def place(joints: Array, angles: Array, frames: Array) -> None:
 
 @inlined
 def _shadow(shapes: Array, points: Array, frames: Array, shape: int, x: float, y: float, z: float) -> float:
-    """Returns the largest coordinate [m] of a shape along the unit vector (x, y, z) of the world frame."""
+    """Returns the largest coordinate [m] of the shape with the index `shape` along the unit vector (x, y, z)
+    of the world frame."""
     j = int(shapes[shape, 0])
     start = 0.0
     if j >= 0:
@@ -95,7 +101,8 @@ def _shadow(shapes: Array, points: Array, frames: Array, shape: int, x: float, y
 
 @inlined
 def _centre(shapes: Array, frames: Array, shape: int) -> tuple[float, float, float]:
-    """Returns the centre [m] of the bounding sphere of a shape."""
+    """Returns the centre (x, y, z) [m] of the bounding sphere of the shape with the index `shape`, in the
+    world frame."""
     j = int(shapes[shape, 0])
     x, y, z = shapes[shape, 3], shapes[shape, 4], shapes[shape, 5]
     if j < 0:
@@ -109,9 +116,9 @@ def _centre(shapes: Array, frames: Array, shape: int) -> tuple[float, float, flo
 
 @inlined
 def at_least(shapes: Array, points: Array, frames: Array, pairs: Indices, axis: Array, p: int) -> float:
-    """Returns a lower bound [m] on the distance between the shapes of pair `p`. The bound is the distance of
-    their bounding spheres or, if larger, the distance of their projections onto `axis[p]`. An axis of zeros
-    is ignored."""
+    """Returns a lower bound [m] on the distance between the two shapes of pair `p`, while the joints have the
+    poses `frames` (j, 12). `axis[p]` is a unit vector along which the shapes are probably far apart; zeros if
+    no such vector is known."""
     one, other = pairs[p, 0], pairs[p, 1]
     ax, ay, az = _centre(shapes, frames, one)
     bx, by, bz = _centre(shapes, frames, other)
@@ -127,11 +134,11 @@ def at_least(shapes: Array, points: Array, frames: Array, pairs: Indices, axis: 
 
 @inlined
 def to_joints(servos: NDArray[np.intp], zero: Array, box: Array, ends: Array) -> None:
-    """Writes the least and largest angles `ends` (2, j) [rad] of the model's joints for servos within `box`
-    (2, n_servos) [rad].
+    """Converts the least and largest angles `box` (2, n_servos) [rad] of a robot's servos to angles of its
+    model's joints, and writes these into `ends` (2, j) [rad].
 
-    `servos` (j,) are the indices of the servos that move the joints. The servos are at `zero` (j,) [rad] when
-    the joints are at 0.
+    `servos` (j,) are the indices of the servos that move the joints. `zero` (j,) [rad] are the angles of
+    these servos while the joints are at 0.
     """
     for j in range(len(servos)):
         for k in range(2):
@@ -140,8 +147,9 @@ def to_joints(servos: NDArray[np.intp], zero: Array, box: Array, ends: Array) ->
 
 @inlined
 def _count_near(solids: Arrays, known: Arrays, ends: Array, margin: float) -> int:
-    """Returns the number of pairs that may come as close as `margin` [m] while the joints are between the
-    angles `ends` (2, j) [rad]: see `come_near`."""
+    """Returns the number of pairs of shapes that may come as close as `margin` [m] while the joints are
+    between the least and largest angles `ends` (2, j) [rad]. Writes the indices of these pairs into the
+    fourth array of `known` (see `KNOWN`)."""
     joints, shapes, points, _, pairs, levers = solids
     posture, distance, axis, left, bound, _, _, frames, middle = known
     low, high = ends
@@ -184,15 +192,16 @@ def come_near(
     solids: Arrays, known: Arrays, servos: NDArray[np.intp], zero: Array, safe: Array, pause: Indices,
     box: Array, ends: Array, margin: float,
 ) -> int:  # fmt: skip
-    """Returns the number of pairs that may come as close as `margin` [m] while the servos are within the
-    angles of `box` (2, n_servos) [rad].
+    """Returns the number of pairs of links that may come as close as `margin` [m] while the servos are
+    between the least and largest angles `box` (2, n_servos) [rad].
 
-    Writes the indices of these pairs into `known`, and updates the bounds in `known` for the middle of the
-    box. Writes the least and largest angles [rad] of the model's joints within the box into `ends` (2, j).
+    If the number is not 0, writes the indices of these pairs into the fourth array of `known`. Writes the
+    least and largest angles [rad] of the model's joints into `ends` (2, j). The arrays of `solids` and
+    `known` are listed at `SOLIDS` and `KNOWN`; `servos` and `zero` are arrays of `Solids`.
 
-    Within the joint angles `safe` (2, j) [rad] no pair comes near, so a box inside `safe` needs no check. If
-    no pair comes near within the box plus a reserve (see `SPARE`), this larger box becomes `safe`. `pause`
-    (1,) is the number of checks until a larger box is tried again.
+    The arrays `safe` and `pause` only save time: this function stores in them, for later calls, a range of
+    joint angles (2, j) [rad] in which no pair comes near, and the number of checks until a new range is
+    tried.
     """
     to_joints(servos, zero, box, ends)
     inside = True
@@ -222,13 +231,15 @@ def follow(
     solids: Arrays, known: Arrays, count: int, path: Array, levers: Array, stride: float, margin: float,
     at: Indices, asked: Indices,
 ) -> int:  # fmt: skip
-    """Follows `path` (k, j) [rad] to the first point at which distances of pairs must be measured.
+    """Follows `path` (k, j), a path of joint angles [rad], to the first point at which two links may be too
+    close, so that their distance must be measured.
 
-    Returns the number of these pairs; 0 at the end of the path. Checks only the first `count` pairs listed in
-    `known`. Between two checked points, distances change by at most `stride` [m]; `levers` (j,) [m/rad] are
-    their largest changes per radian of each joint. Writes results into three arguments: into `at` the section
-    of the path and the point in this section, into `asked` the pairs, and into `known` the angles and frames
-    at this point.
+    Returns the number of pairs to measure there; 0 at the end of the path. Checks only the first `count`
+    pairs listed in `known`, which must keep the distance `margin` [m]. Between two checked points, no
+    distance changes by more than `stride` [m]; `levers` (j,) [m/rad] are the largest changes per radian of
+    each joint. Writes into `asked` the indices of the pairs to measure, and into the last two arrays of
+    `known` the poses and angles of the joints at this point. The next call continues at the place `at` (2,),
+    which is zeros at the beginning.
     """
     joints, shapes, points, _, pairs, own = solids
     posture, distance, axis, left, slack, least, step, frames, angles = known
@@ -291,8 +302,9 @@ def follow(
 def stand(
     solids: Arrays, angles: Array, frames: Array, positions: Array, rotations: Array, geoms: Indices
 ) -> None:
-    """Writes `positions` (n, 3) [m] and `rotations` (n, 9) of the geoms of the MuJoCo model at `angles` (j,)
-    [rad]."""
+    """Computes the poses of all collision shapes in the world at the joint angles `angles` (j,) [rad]. Writes
+    the poses into the arrays of a MuJoCo model with n geoms: `positions` (n, 3) [m] and `rotations` (n, 9).
+    `geoms` (g,) are the indices of the shapes' geoms. `frames` (j, 12) receives the poses of the joints."""
     joints, shapes, _, poses, _, _ = solids
     place(joints, angles, frames)
     for g in range(len(geoms)):

@@ -1,5 +1,5 @@
-"""Couplings: linear inequalities between the angles of servos that move together. Used by
-`tci.gate.bounds`."""
+"""Couplings: limits of weighted sums of the angles of servos that move together, for example because of
+cables. Used by `tci.gate.bounds`."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from tci.compiled import compiled, inlined, views, writes
 from tci.frames import Array
 
 MARGIN = 1e-6
-"""Distance [rad] that targets keep from limits and from bounds of couplings. Assumed: larger than ruckig's
-rounding errors."""
+"""Distance [rad] that targets keep from limits and from bounds of couplings. Assumed: larger than the
+rounding errors of ruckig, the library that plans motions."""
 SWEEPS = 50
-"""Largest number of sweeps over all couplings in `project`. This number bounds the time of a call. Assumed:
-later sweeps change little."""
+"""Largest number of passes in which `project` moves a point inside the couplings, so that a call takes a
+limited time. Assumed: later passes change little."""
 
 
 @inlined
@@ -23,12 +23,12 @@ def project(
     lower: Array, upper: Array, target: Array, coupling: Array, lows: Array, highs: Array,
     free: NDArray[np.bool_], point: Array,
 ) -> None:  # fmt: skip
-    """Writes a `point` (n,) [rad] near `target` (n,) [rad] that is inside `lower` and `upper` (n,) [rad], and
-    for which `lows` <= `coupling` @ point <= `highs` (m,).
+    """Moves the angles `target` (n,) [rad] inside limits and couplings, and writes the result into `point`
+    (n,) [rad]. Then each angle is from `lower` to `upper` (n,) [rad], and each weighted sum `coupling` (m, n)
+    @ point from `lows` to `highs` (m,).
 
-    The point keeps a margin from all bounds. If two bounds are too close together for this margin, the point
-    is in the middle between them. The point differs from `target` only for servos that are `free` (n,). The
-    function projects the point onto each violated half-space and each violated limit in turn (Bregman 1965).
+    Moves only servos for which `free` (n,) is True. The point keeps a small margin from all bounds; between
+    two bounds that are too close together for this margin, it is in the middle. Method: Bregman 1965.
     """
     for i in range(len(target)):
         point[i] = target[i]
@@ -70,15 +70,16 @@ def find_nearest(
     lower: Array, upper: Array, target: Array, coupling: Array, lows: Array, highs: Array,
     free: NDArray[np.bool_], point: Array,
 ) -> None:  # fmt: skip
-    """Writes a `point` (n,) [rad] near `target` (n,) [rad] that is inside limits and couplings. This is
-    `project` for calls from Python."""
+    """Moves the angles `target` (n,) [rad] inside limits (from `lower` to `upper`) and couplings (weighted
+    sums `coupling` @ point, from `lows` to `highs`), and writes the result into `point` (n,) [rad]. Moves
+    only servos for which `free` (n,) is True."""
     project(lower, upper, target, coupling, lows, highs, free, point)
 
 
 @inlined
 def box_keeps(span: Array, coupling: Array, lows: Array, highs: Array) -> bool:
-    """Returns True if `lows` (m,) <= `coupling` (m, n) @ point <= `highs` (m,) for all points of a box. The
-    rows of `span` (2, n) [rad] are opposite corners of the box."""
+    """Returns True if all combinations of n angles between the two rows of `span` (2, n) [rad] keep the
+    couplings: each weighted sum `coupling` (m, n) @ angles is from `lows` (m,) to `highs` (m,)."""
     for m in range(len(lows)):
         least = most = 0.0
         for i in range(span.shape[1]):
@@ -92,12 +93,13 @@ def box_keeps(span: Array, coupling: Array, lows: Array, highs: Array) -> bool:
 
 @compiled(void(views(2), views(1), views(1), views(1), writes(1), writes(1)))
 def shift(outside: Array, measured: Array, lows: Array, highs: Array, lower: Array, upper: Array) -> None:
-    """Writes bounds for the contribution of the servos in the group to each coupling: `lower` and `upper`
-    (m,) are the couplings' bounds `lows` and `highs` (m,) minus the contribution of the servos outside the
-    group.
+    """Computes the bounds within which a group of servos must keep the couplings (weighted sums of angles),
+    while the servos outside the group stay at `measured` (n_servos,) [rad]. Writes into `lower` and `upper`
+    (m,) the couplings' bounds `lows` and `highs` (m,), minus the part of each sum that comes from servos
+    outside the group.
 
-    The servos outside the group are at `measured` (n_servos,) [rad] and have the coefficients `outside` (m,
-    n_servos).
+    `outside` (m, n_servos) are the coefficients of the servos outside the group, and 0 for servos in the
+    group.
     """
     for m in range(len(lows)):
         taken = 0.0

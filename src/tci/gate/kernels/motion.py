@@ -9,7 +9,7 @@ from tci.compiled import compiled, inlined, reads, returns, views, writes
 from tci.frames import Array
 
 FOLLOWS, LATE, OPPOSED, FROZEN, DISAGREES, DEAF, JUMPED = range(7)
-"""Results of the check, in this order:
+"""Possible results of the check of a joint reading, in this order:
 
 - no fault
 - a servo is far from its reference
@@ -20,24 +20,25 @@ FOLLOWS, LATE, OPPOSED, FROZEN, DISAGREES, DEAF, JUMPED = range(7)
 - an angle jumps
 """
 FOLLOWING_ERROR, LAG, PATIENCE, OPPOSING, LEAST_SPEED, LONGEST_REPEAT, TRAVEL, FORGETS, PUSH, STEP = range(10)
-"""Indices into the array `settings`. `JointMonitor` copies the values of its `MonitorSettings` into this
-array."""
+"""Indices into the array `settings` (10,), which contains the values of `MonitorSettings` as numbers."""
 ANGLE, SPEED, ANGLE_BEFORE, SPEED_BEFORE = range(4)
 """Rows of two successive readings (4, n_servos): angles [rad] and velocities [rad/s] of this reading, then of
 the reading before."""
 FOLLOWED, LOOSE = range(2)
-"""Rows of a table (2, k) of the servos' control modes. `FOLLOWED`: True for a servo whose angle must follow a
-reference. `LOOSE`: True for a servo in torque mode. All other values are False."""
+"""Rows of a table (2, k) of truth values, computed from the control modes of k servos. `FOLLOWED`: True for a
+servo whose angle must follow a reference. `LOOSE`: True for a servo in torque mode."""
 LATE_SINCE, OPPOSED_SINCE, REPEATS_SINCE, ORIGIN = range(4)
-"""Rows of the memory (4, n_servos). The first three rows contain the time [s] at which a servo began to be
-far from its reference, to move against it, or to repeat its angle; infinity if it does not do so now. The
-last row is the reference [rad] at the time when the angle began to repeat.
+"""Rows of an array (4, n_servos) that the check of motions keeps from one reading to the next. The first
+three rows contain the time [s] at which a servo began to be far from its reference, to move against it, or to
+repeat its angle; infinity if the servo does not do so now. The last row is the reference [rad] at the time
+when the angle began to repeat.
 """
 DRIFT, WEAKEST, STRONGEST, PUSHED_SINCE = range(4)
-"""Rows of the memory of velocities (4, n_servos):
+"""Rows of an array (4, n_servos) that the comparison of angles with velocities and torques keeps from one
+reading to the next:
 
-- deviation [rad] of the integrated velocity from the angle
-- least torque [N m] in torque mode since the measured angle and velocity stopped changing
+- difference [rad] between the recent motion according to the measured velocity and according to the angle
+- least torque [N m] that was sent in torque mode since the measured angle and velocity stopped changing
 - largest torque [N m] in the same time
 - time [s] at which the difference of these two torques became large enough to move the joint; infinity while
   the difference is smaller
@@ -45,10 +46,12 @@ DRIFT, WEAKEST, STRONGEST, PUSHED_SINCE = range(4)
 TORQUE_LIMIT, ACCELERATION, FASTEST = range(3)
 """Rows of the limits (3, n_servos) of the joints: torque [N m], acceleration [rad/s2] and speed [rad/s]."""
 SELDOM = 0.025
-"""Longest time [s] between two readings for which velocities are integrated. Assumed: in a longer time a
-velocity may change without being measured."""
+"""Longest time [s] between two readings for which angles are compared with velocities. Assumed: in a longer
+time a velocity may change without being measured."""
 MONITOR = returns(reads(2), reads(1), writes(2), writes(2), writes(2), writes(1))
-"""Types of a monitor's arrays: limits, settings, readings, memory, memory of velocities, and worst servo."""
+"""Numba types of the arrays of a monitor: limits (3, n_servos), settings (10,), readings (4, n_servos), two
+memories (4, n_servos) of motions and of velocities, and the worst servo (2,) with the size [rad] of its
+fault."""
 
 
 @compiled(boolean(views(1)))
@@ -62,10 +65,11 @@ def all_finite(values: Array) -> bool:
 
 @inlined
 def _jump(readings: Array, limits: Array, step: float, elapsed: float, worst: Array) -> bool:
-    """Returns True if an angle changed by more than its speed limit allows in `elapsed` [s], plus `step`
-    [rad].
+    """Returns True if the angle of any servo changed by more than its speed limit allows in `elapsed` [s],
+    plus `step` [rad].
 
-    Writes the index of the servo with the largest excess and the change [rad] of its angle into `worst` (2,).
+    Writes into `worst` (2,) the index of the servo with the largest excess, and the change [rad] of its
+    angle.
     """
     most = 0.0
     for i in range(readings.shape[1]):
@@ -89,14 +93,15 @@ def judge_motion(
     memory: Array,
     worst: Array,
 ) -> int:
-    """Returns the fault in the motion of those `servos` (k,) that must follow a reference in their mode;
-    FOLLOWS if there is no fault.
+    """Checks that servos follow their references. Returns FOLLOWS, or the fault: LATE (too far from the
+    reference), OPPOSED (moves against the reference) or FROZEN (the angle stays constant while the reference
+    moves).
 
-    The latest two readings are `elapsed` [s] apart. `position` [rad] and `velocity` [rad/s] (k,) are the
-    reference of the servos. Updates the memory. In case of a fault, writes into `worst` (2,) the index of the
-    faulty servo in `servos`, and an angle [rad]: the distance of a late servo from its reference (LATE), or
-    the motion of the reference while the servo's angle stays constant (FROZEN). A motion against the
-    reference (OPPOSED) has no angle.
+    `position` [rad] and `velocity` [rad/s] (k,) are the references of `servos` (k,); `kinds` shows which of
+    these must follow them. `readings` (4, n_servos) are angles [rad] and velocities [rad/s] at `now` [s],
+    then those `elapsed` [s] earlier. `memory` (4, n_servos) is kept from call to call. In case of a fault,
+    writes into `worst` (2,) the index of the servo in `servos` and, except for OPPOSED, an angle [rad]: the
+    distance from the reference (LATE) or the motion of the reference (FROZEN).
     """
     longest = -1.0
     for k in range(len(servos)):
@@ -146,13 +151,15 @@ def judge_velocity(
     memory: Array,
     worst: Array,
 ) -> int:
-    """Returns the fault in the angles of `servos` (k,), found by comparison with velocities and torques;
-    FOLLOWS if there is no fault.
+    """Compares measured angles with velocities and torques, for servos that need not follow a reference.
+    Returns FOLLOWS, or the fault: DISAGREES (an angle contradicts the velocity) or DEAF (an angle stays
+    constant although the torque changes).
 
-    The latest two readings are `elapsed` [s] apart. A velocity that is NaN is ignored. Servos in modes that
-    follow a reference are not checked here. `torque` (k,) [N m] was sent to the servos in torque mode.
-    Updates the memory. Writes two values into `worst` (2,): the index k of the servo with the worst fault,
-    and the difference [rad] of its measured motion from the expected motion.
+    `torque` (k,) [N m] was sent to those of the `servos` (k,) that are in torque mode (row LOOSE of `kinds`).
+    `readings` (4, n_servos) are angles [rad] and velocities [rad/s] at `now` [s], then those `elapsed` [s]
+    earlier; a velocity that is NaN is ignored. `memory` (4, n_servos) is kept from call to call. Writes into
+    `worst` (2,) the index in `servos` of the worst servo, and the difference [rad] of its measured motion
+    from the expected motion.
     """
     keeps = max(1.0 - elapsed / settings[FORGETS], 0.0)
     found, worst[1] = FOLLOWS, 0.0
@@ -204,12 +211,13 @@ def judge_reading(
     monitor: tuple[Array, ...], servos: Array, kinds: Array, position: Array, velocity: Array, torque: Array,
     angles: Array, speeds: Array, now: float, elapsed: float,
 ) -> int:  # fmt: skip
-    """Checks a reading of all `angles` [rad] and `speeds` [rad/s] (n_servos,), made at time `now` [s].
+    """Checks a joint reading for faults: `angles` [rad] and `speeds` [rad/s] (n_servos,) of all servos,
+    measured at the time `now` [s].
 
-    Returns the first fault found by `_jump`, `judge_velocity` and `judge_motion`; FOLLOWS if there is no
-    fault. `elapsed` [s] is the time since the previous reading. If `elapsed` is 0 or less, the reading is
-    only stored. `position` [rad], `velocity` [rad/s] and `torque` [N m] (k,) are the references of `servos`
-    (k,).
+    Returns the fault as one of the numbers LATE to JUMPED; FOLLOWS if there is no fault. `elapsed` [s] is the
+    time since the previous reading. If `elapsed` is 0 or less, the reading is only stored. `position` [rad],
+    `velocity` [rad/s] and `torque` [N m] (k,) were sent to the servos with the indices `servos` (k,). `kinds`
+    (2, k) has the rows FOLLOWED and LOOSE; `monitor` contains the arrays listed at `MONITOR`.
     """
     limits, settings, readings, memory, drifts, worst = monitor
     for i in range(len(angles)):

@@ -23,20 +23,21 @@ class Solids:
     """Joints and shapes of a robot, and the pairs of shapes that could collide."""
 
     servos: NDArray[np.intp]
-    """Index (j,) of the servo that moves each joint. A joint comes after the joints that carry it."""
+    """Index (j,) of the servo that moves each joint. The joints are in an order in which every joint comes
+    after the joints that carry it."""
     zero: Array
     """For each joint (j,): angle [rad] of its servo while the joint of the model is at zero."""
     joints: Array
-    """For each joint (j, 7): index of its parent joint (-1: no parent joint), position [m] relative to the
-    parent joint, and axis."""
+    """One row for each joint (j, 7): index of its parent joint (-1: no parent joint), position (3 numbers)
+    [m] relative to the parent joint, and unit vector along its axis (3 numbers)."""
     shapes: Array
-    """Shapes (g, 16). A shape is the convex hull of its points, each extended by the ellipsoid E u, |u| <= 1.
-    The columns of a shape:
+    """One row for each shape (g, 16). A shape is the convex hull of some points, extended on all sides by an
+    ellipsoid: the vectors E u with |u| <= 1. The columns:
 
     - index of the joint that carries the shape (-1: no joint)
-    - index of its first point, and of its last point + 1
-    - centre (3,) and radius [m] of its bounding sphere
-    - matrix E (3, 3) [m]
+    - indices of its first point in `points`, and of its last point + 1
+    - centre (3 numbers) and radius of its bounding sphere [m]
+    - matrix E (9 numbers) of the ellipsoid [m]
     """
     points: Array
     """Points (v, 3) [m] of all shapes, each in the frame of the joint that carries its shape."""
@@ -46,15 +47,17 @@ class Solids:
     geoms: Indices
     """Index (g,) of each shape's geom in the MuJoCo model."""
     pairs: Indices
-    """First and second shape (p, 2) of each pair that `Clearance` checks for collision."""
+    """Indices (p, 2) of the two shapes of each pair that could collide, in the order of the pairs of
+    `Clearance`."""
     levers: Array
-    """For each joint and each pair of shapes (j, p): largest change of the distance between the two shapes,
-    per radian by which the joint turns [m/rad]."""
+    """Upper bound (j, p) on the change of the distance between the two shapes of each pair, per radian by
+    which each joint turns [m/rad]."""
 
     @staticmethod
     def of(clearance: Clearance) -> Solids:
-        """Returns the solids of the robot that `clearance` checks for collisions. Raises TciError if a joint
-        is not a hinge."""
+        """Returns the joints and shapes of the robot that `clearance` checks for collisions. Raises TciError
+        if a joint is not a hinge, or if a shape is neither a mesh nor a sphere, capsule, cylinder, ellipsoid
+        or box."""
         model, data = clearance.model, mujoco.MjData(clearance.model)
         mujoco.mj_kinematics(model, data)
         for joint in np.flatnonzero(model.jnt_type != mujoco.mjtJoint.mjJNT_HINGE).tolist():
@@ -93,7 +96,8 @@ class Solids:
 
 
 def _carrier(model: mujoco.MjModel, body: int, before: int) -> int:
-    """Returns the last joint that moves a body and has an index below `before`; -1 if there is none."""
+    """Returns the index of the joint that moves a body most directly, among the joints with an index below
+    `before`; -1 if no such joint moves the body."""
     while body:
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         own = [joint for joint in range(first, first + count) if joint < before]
@@ -104,8 +108,9 @@ def _carrier(model: mujoco.MjModel, body: int, before: int) -> int:
 
 
 def _shape(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
-    """Returns points (n, 3) [m] and a matrix E (3, 3) [m], in the frame of a geom. The geom is the convex
-    hull of the points, each extended by the ellipsoid E u, |u| <= 1."""
+    """Returns the shape of a MuJoCo geom in its own frame, as points (n, 3) [m] and a matrix E (3, 3) [m]:
+    the shape is the convex hull of the points, extended on all sides by the ellipsoid of the vectors E u with
+    |u| <= 1."""
     x, y, z = model.geom_size[geom].tolist()
     ends = np.array([[0.0, 0.0, -y], [0.0, 0.0, y]])
     kind = mujoco.mjtGeom(int(model.geom_type[geom]))
@@ -127,7 +132,8 @@ def _shape(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
 
 
 def _hull(model: mujoco.MjModel, mesh: int) -> Array:
-    """Returns the corners (n, 3) [m] of a mesh's convex hull, in the frame of its geom."""
+    """Returns the corners (n, 3) [m] of a mesh's convex hull, in the frame of its geom; all corners of the
+    mesh if the model contains no hull."""
     first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
     points = np.array(model.mesh_vert[first : first + count], dtype=float)
     graph = int(model.mesh_graphadr[mesh])
@@ -140,9 +146,8 @@ def _hull(model: mujoco.MjModel, mesh: int) -> Array:
 
 
 def _levers(joints: Array, shapes: Array, points: Array, pairs: NDArray[np.intp]) -> Array:
-    """Returns, for each joint and each pair of shapes (j, p), how much their distance changes at most per
-    radian of the joint [m/rad]. If the joint carries only one of the two shapes, this value is an upper bound
-    on the distance of this shape from the joint's axis. Otherwise, the value is 0."""
+    """Returns an upper bound (j, p) on the change of the distance between the two shapes of each pair, per
+    radian by which each joint turns [m/rad]. The value is 0 if a joint carries both shapes or neither."""
     reach = np.zeros((len(joints), len(shapes)))
     carried = np.zeros(reach.shape, dtype=bool)
     for index, shape in enumerate(shapes):

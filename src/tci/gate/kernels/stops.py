@@ -11,26 +11,27 @@ from tci.frames import Array
 from tci.gate.kernels.couplings import box_keeps
 
 LOWER, UPPER, ACCELERATION, JERK = range(4)
-"""Rows of the limits (4, n) of servos that stop: lower and upper angles [rad], acceleration [rad/s2] and jerk
+"""Rows of the limits (4, n) of n servos: lower and upper angles [rad], acceleration [rad/s2] and jerk
 [rad/s3]."""
 (
     LEAST, MOST, HERE, END, ANGLE, SPEED, PULL, FIRST_JERK, LAST_JERK, RAMP, PLATEAU, RELEASE,
     STOP_ROWS,
 ) = range(13)  # fmt: skip
-"""Rows of a stop (12, n):
+"""Rows of a planned stop (12, n) of n servos; `STOP_ROWS` is their number:
 
 - least and largest angle [rad] during the stop
-- angle [rad] one step before the stop, and at its end
+- angle [rad] one period before the stop, and at its end
 - angle [rad], velocity [rad/s] and acceleration [rad/s2] at its start
-- jerk [rad/s3] while the acceleration rises, and while it returns to zero
-- times [s] for which the acceleration rises, stays constant, and returns to zero
+- jerk [rad/s3] while the braking acceleration builds up, and while it returns to zero
+- durations [s] for which the braking acceleration builds up, stays constant, and returns to zero
 """
 
 
 @inlined
 def _plan(stop: Array, i: int, most: float, jerk: float) -> None:
-    """Plans the time-optimal stop of servo `i` from its start: the acceleration rises, stays constant, and
-    returns to zero."""
+    """Plans the fastest stop of servo `i` with accelerations up to `most` [rad/s2] and the `jerk` [rad/s3],
+    and writes its jerks and durations into `stop` (12, n), which already contains the state from which the
+    servo stops."""
     v, a = stop[SPEED, i], stop[PULL, i]
     final = v + a * abs(a) / (2.0 * jerk)  # velocity if the acceleration were released at once
     peak = a
@@ -50,8 +51,8 @@ def _plan(stop: Array, i: int, most: float, jerk: float) -> None:
 
 @inlined
 def _follow(stop: Array, i: int, time: float) -> tuple[float, float, float]:
-    """Returns angle [rad], velocity [rad/s] and acceleration [rad/s2] of servo `i` at `time` [s] after its
-    stop began."""
+    """Returns angle [rad], velocity [rad/s] and acceleration [rad/s2] of servo `i` at `time` [s] after it
+    began to stop. `stop` (12, n) is the planned stop, with the rows listed at `STOP_ROWS`."""
     q, v, a = stop[ANGLE, i], stop[SPEED, i], stop[PULL, i]
     for jerk, lasts in (
         (stop[FIRST_JERK, i], stop[RAMP, i]),
@@ -74,17 +75,17 @@ def _follow(stop: Array, i: int, time: float) -> tuple[float, float, float]:
 def plan_stop(
     state: Array, here: Array, limits: Array, coupling: Array, lows: Array, highs: Array, stop: Array
 ) -> tuple[bool, bool, bool, float]:
-    """Plans the stop of n servos from a `state` (3, n): angles [rad], velocities [rad/s] and accelerations
-    [rad/s2]. Writes the plan into `stop` (12, n), whose rows are listed at `STOP_ROWS`.
+    """Plans the fastest stop of n servos from a `state` (3, n): angles [rad], velocities [rad/s] and
+    accelerations [rad/s2]. Writes the stop into `stop` (12, n), with the rows listed at `STOP_ROWS`.
 
     Returns three truth values and the duration [s] of the stop:
 
-    - The first is True if the stop stays inside the `limits` (4, n), or no farther outside than `here` (n,)
-      [rad], the angles one step before the stop. The rows of `limits` are the lower and upper angle, the
-      acceleration and the jerk. A stop that has come inside the limits must not leave them again.
-    - The second is True if `lows` <= `coupling` @ point <= `highs` (m,) for all points between the least and
-      largest angles of the stop.
-    - The third is True if `state` itself is outside the limits.
+    - The first is True if all angles stay inside their limits, or no farther outside than `here` (n,) [rad],
+      the angles one period before the stop. A servo that has come inside its limits must not leave them
+      again. The rows of `limits` (4, n) are lower and upper angles, accelerations and jerks.
+    - The second is True if the couplings are kept for all angles that the stop may pass: each weighted sum
+      `coupling` (m, n) @ angles is from `lows` to `highs` (m,).
+    - The third is True if an angle in `state` is already outside its limits.
     """
     inside, outside, duration = True, False, 0.0
     for i in range(len(here)):
@@ -119,9 +120,9 @@ def plan_stop(
 
 @compiled(void(reads(2), reads(1), writes(3)))
 def follow_stop(stop: Array, times: Array, states: Array) -> None:
-    """Computes angles [rad], velocities [rad/s] and accelerations [rad/s2] of n servos at `times` (k,) [s]
-    after their stop began, and writes them into `states` (k, 3, n). The rows of `stop` (12, n) are listed at
-    `STOP_ROWS`."""
+    """Computes the motion of n servos during a stop that `plan_stop` has written into `stop` (12, n). Writes
+    angles [rad], velocities [rad/s] and accelerations [rad/s2] at `times` (k,) [s] after the stop began into
+    `states` (k, 3, n)."""
     for k in range(len(times)):
         for i in range(stop.shape[1]):
             if times[k] < stop[RAMP, i] + stop[PLATEAU, i] + stop[RELEASE, i]:
@@ -132,12 +133,12 @@ def follow_stop(stop: Array, times: Array, states: Array) -> None:
 
 @compiled(void(views(1, int64), views(1), views(1), reads(2), writes(2)))
 def take_room(index: NDArray[np.intp], measured: Array, reference: Array, span: Array, box: Array) -> None:
-    """Writes the least and largest angles [rad] that servos `index` (n,) may have during their stop into
-    `box` (2, n_servos).
+    """Computes the range of angles that servos may pass while they stop, and writes their least and largest
+    angles [rad] into `box` (2, n_servos).
 
-    During the stop, the references of the servos stay between the angles of `span` (2, n) [rad]. A servo that
-    is now on one side of its reference may stay there: the difference of its angle in `measured` (n_servos,)
-    [rad] from its `reference` (n,) [rad] is added to this end of the span.
+    `index` (n,) are the indices of these servos. During the stop, the references are between the rows of
+    `span` (2, n) [rad]. If a servo's angle in `measured` (n_servos,) [rad] is now above or below its
+    `reference` (n,) [rad], its range is extended by the difference on this side.
     """
     for i in range(len(index)):
         servo = index[i]

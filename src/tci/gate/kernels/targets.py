@@ -13,26 +13,29 @@ from tci.frames import Array
 from tci.gate.kernels.couplings import project
 
 LOWER, UPPER, FASTEST = range(3)
-"""Rows of the limits of a joint group (servos that move together): lower and upper angles [rad], and speeds
-[rad/s]."""
+"""Rows of the limits (3, n) of a joint group (n servos that move together): lower and upper angles [rad], and
+speeds [rad/s]."""
 TARGET, SPEED, WANTED = range(3)
-"""Rows of the targets of a joint group: targets [rad], speeds [rad/s], and a row for intermediate results."""
+"""Rows of the targets (3, n) of a joint group (n servos that move together): targets [rad], speeds [rad/s],
+and a row for intermediate results."""
 INVALID, FAR_OFF = -1.0, -2.0
-"""Results of `take_targets` for a command that must be refused: invalid numbers, and angles that are far
-outside their limits."""
+"""Results of `take_targets` for a command that must be refused. INVALID: the command contains invalid
+numbers. FAR_OFF: its angles are so far outside their limits that they may be in degrees."""
 
 COMMAND = returns(views(1, int64), views(1), views(1))
-"""Types of a command: `servos` (k,), `values` (k,) [rad] and `speeds` (k,) [rad/s]."""
+"""Numba types of a command to k servos: indices `servos` (k,), angles `values` (k,) [rad] and `speeds` (k,)
+[rad/s]."""
 GROUP = returns(reads(1, int64), reads(2), views(2), reads(2), writes(1, boolean), writes(2))
-"""Types of the arrays of a joint group with n servos and m couplings: servo indices `index` (n,), `limits`
-(3, n), coefficients `coupling` (m, n) with bounds `ends` (2, m), `free` (n,), which is True for commanded
-servos, and targets `aims` (3, n)."""
+"""Numba types of the arrays of a joint group (n servos that move together, with m couplings): servo indices
+`index` (n,), `limits` (3, n), coefficients `coupling` (m, n) with bounds `ends` (2, m), `free` (n,), which is
+True for commanded servos, and targets `aims` (3, n)."""
 
 
 @inlined
 def acceptable(servos: NDArray[np.intp], values: Array, speeds: Array, count: int, slowest: float) -> bool:
-    """Returns True if a command is valid: at least one servo, all `servos` (k,) different and from 0 to
-    `count` - 1, `values` (k,) finite, and `speeds` (k,) [rad/s] at least `slowest`."""
+    """Returns True if a command to a robot with `count` servos is valid: at least one servo, all indices
+    `servos` (k,) different and from 0 to `count` - 1, `values` (k,) finite, and `speeds` (k,) at least
+    `slowest` [rad/s]."""
     for k in range(len(servos)):
         if not (0 <= servos[k] < count and np.isfinite(values[k]) and speeds[k] >= slowest):
             return False
@@ -44,10 +47,10 @@ def acceptable(servos: NDArray[np.intp], values: Array, speeds: Array, count: in
 
 @compiled(boolean(views(1, int64), views(1), views(1), int64, float64))
 def is_acceptable(servos: NDArray[np.intp], values: Array, speeds: Array, count: int, slowest: float) -> bool:
-    """Returns True if a command is valid.
+    """Returns True if a command to a robot with `count` servos is valid.
 
-    `servos` (k,) must be below `count` and occur once. `values` (k,) must be finite, and `speeds` (k,)
-    [rad/s] at least `slowest`.
+    The indices `servos` (k,) must be different and from 0 to `count` - 1, at least one. `values` (k,) must be
+    finite, and `speeds` (k,) at least `slowest` [rad/s].
     """
     valid: bool = acceptable(servos, values, speeds, count, slowest)
     return valid
@@ -55,8 +58,9 @@ def is_acceptable(servos: NDArray[np.intp], values: Array, speeds: Array, count:
 
 @inlined
 def far_off(servos: NDArray[np.intp], values: Array, box: Array, far: float) -> bool:
-    """Returns True if the angles `values` (k,) may be in degrees. For the rule and the other arguments see
-    `is_far_off`."""
+    """Returns True if the angles `values` (k,) of a command to `servos` (k,) may be in degrees: one is
+    outside its limits in `box` (2, n_servos) [rad] and larger than a full turn, or there are several and each
+    is outside by more than `far` [rad]."""
     near = len(servos) < 2
     for k in range(len(servos)):
         outside = max(box[LOWER, servos[k]] - values[k], values[k] - box[UPPER, servos[k]])
@@ -68,10 +72,11 @@ def far_off(servos: NDArray[np.intp], values: Array, box: Array, far: float) -> 
 
 @compiled(boolean(views(1, int64), views(1), reads(2), float64))
 def is_far_off(servos: NDArray[np.intp], values: Array, box: Array, far: float) -> bool:
-    """Returns True if `values` (k,) [rad] of `servos` (k,) are so large that they may be in degrees.
+    """Returns True if the angles of a command may be in degrees instead of radians.
 
-    There are two cases: one angle is outside its limits in `box` (2, n_servos) [rad] and larger than a full
-    turn; or there are two angles or more, and each is outside its limits by more than `far` [rad].
+    There are two cases: one of the angles `values` (k,) is outside its limits in `box` (2, n_servos) [rad]
+    and larger than a full turn (2 pi); or there are several, and each is outside by more than `far` [rad].
+    `servos` (k,) are the commanded servos.
     """
     large: bool = far_off(servos, values, box, far)
     return large
@@ -82,20 +87,17 @@ def take_targets(
     command: tuple[NDArray[Any], ...], box: Array, far: float, slowest: float,
     group: tuple[NDArray[Any], ...], sent: Array,
 ) -> float:  # fmt: skip
-    """Sets the targets of the servos `index` (n,) of a joint group from the `values` (k,) [rad] of a command
-    to `servos` (k,). A command consists of `servos`, `values` and `speeds`; a `group` consists of `index`,
-    `limits`, `coupling`, `ends`, `free` and `aims`.
+    """Checks a command, and sets the targets of the servos of one joint group (servos that move together).
+    `command` and `group` contain the arrays listed at `COMMAND` and `GROUP`.
 
-    Returns the largest distance [rad] of a target from its requested value. Returns INVALID if indices,
-    angles or speeds are invalid (see `is_acceptable`), or FAR_OFF if the angles may be in degrees (see
-    `is_far_off`); in both cases the function writes nothing. `is_far_off` describes `box` and `far`;
-    `is_acceptable` describes `slowest`.
+    Returns the largest distance [rad] of a target from the angle in the command. If the command must be
+    refused, writes nothing and returns INVALID (indices or angles are invalid, or a speed is below `slowest`
+    [rad/s]) or FAR_OFF (angles may be in degrees: `is_far_off` describes the rule, and its arguments `box`
+    and `far`).
 
-    Writes into `aims` (3, n) the targets [rad] (row 0), which are inside limits and couplings, and the speeds
-    [rad/s] (row 1): the smaller of `speeds` (k,) and the speeds in `limits` (3, n). The rows of `limits` are
-    lower angles, upper angles and speeds. Writes into `sent` (k,) [rad] the targets of the servos that are in
-    the group. `coupling` (m, n) and its bounds `ends` (2, m) are described in `Bounds`. `free` (n,) and the
-    last row of `aims` hold intermediate results.
+    Writes into `aims` (3, n) of the group the targets [rad] (row 0), which are inside limits and couplings,
+    and the speeds [rad/s] (row 1), which are inside the speed limits. Writes into `sent` (k,) [rad] the
+    targets of those commanded servos that are in the group.
     """
     servos, values, speeds = command
     index, limits, coupling, ends, free, aims = group
@@ -126,15 +128,14 @@ def straight_limits(
     here: Array, target: Array, speed: Array, acceleration: Array, jerk: Array,
     still: float, least: float, limits: Array,
 ) -> None:  # fmt: skip
-    """Writes `limits` (3, n) of speed, acceleration and jerk with which servos move together along a straight
-    line.
+    """Computes limits of speed, acceleration and jerk with which n servos move along a straight line in the
+    space of their angles, and writes these as rows into `limits` (3, n).
 
-    In joint space, the line leads from `here` (n,) [rad] to `target` (n,) [rad].
+    The line leads from `here` (n,) [rad] to `target` (n,) [rad].
 
-    The limits of a servo are proportional to its distance, and as large as the servo's own limits `speed`,
-    `acceleration` and `jerk` (n,) allow. If the longest distance is below `still` [rad], it is replaced by
-    `still`. A distance that is below the fraction `least` of the longest distance is replaced by this
-    fraction.
+    The limits of a servo are proportional to its distance, and as large as the servos' own limits `speed`,
+    `acceleration` and `jerk` (n,) allow. The longest distance counts as at least `still` [rad], and each
+    other distance as at least the fraction `least` of the longest.
     """
     longest = still
     for i in range(len(here)):

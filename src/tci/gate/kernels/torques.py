@@ -10,24 +10,25 @@ from tci.compiled import compiled, reads, views, writes
 from tci.frames import Array
 
 LOWER, UPPER, VELOCITY, CREEP, ACCELERATION, APPROACH, TORQUE = range(7)
-"""Rows of the limits (7, k) of the servos in torque mode. CREEP is the speed [rad/s] at which a servo outside
-its limits returns. APPROACH is the deceleration [rad/s2] that is assumed to be available before a limit."""
+"""Rows of the limits (7, k) of k servos in torque mode: lower and upper angle [rad], velocity [rad/s], speed
+[rad/s] at which a servo outside its limits returns (CREEP), acceleration [rad/s2], deceleration [rad/s2] that
+is assumed to be available before a limit (APPROACH), and torque [N m]."""
 POSITION, SPEED, SLOPE, SINCE_SPEED, SINCE_SLOPE = range(5)
 """Rows of the measurements (5, n_servos). POSITION: angle [rad]. SPEED: measured velocity [rad/s]. SLOPE:
-mean speed [rad/s], computed from angles; NaN if unknown. SINCE_SPEED, SINCE_SLOPE: impulse [N m s] of the
-torques that were sent since SPEED or SLOPE was measured."""
+mean speed [rad/s], computed from angles; NaN if unknown. SINCE_SPEED, SINCE_SLOPE: torque times duration [N m
+s] that was sent since SPEED or SLOPE was measured."""
 WANTED, RISEN, GIVEN, CALM, BEFORE = range(5)
-"""Rows of the memory (5, n_servos):
+"""Rows of an array (5, n_servos) that is kept from one period to the next:
 
 - commanded torque [N m]
-- torque [N m] that has risen towards the commanded torque so far
+- torque [N m] that approaches the commanded torque gradually
 - torque [N m] that is sent
-- fraction of the braking torque that is used
-- speed [rad/s] at which this fraction was chosen
+- fraction (0 to 1) of the full braking torque that is used
+- velocity [rad/s] at which this fraction was chosen
 """
 MARGIN = 1e-6
-"""Least divisor [rad/s] in the computation of braking torques. Where a smaller speed would be the divisor,
-MARGIN is used instead."""
+"""Smallest speed [rad/s] by which the computation of braking torques divides, so that it never divides by
+zero."""
 RISE = 0.02
 """Time [s] in which a torque may rise from zero to its limit. Assumed: a sudden change of torque would jerk
 the joint."""
@@ -36,14 +37,14 @@ BAND = 0.1
 full braking torque. Assumed: with a smaller value, the torque chatters; with a larger value, a joint exceeds
 its limit by more."""
 SETTLE = 2.0
-"""A servo is slow if, at its acceleration limit, it would stop within this number times the delay of its
-measurements. A slow servo is braked by a torque proportional to its speed. Assumed: with full torque, a servo
-at rest at a limit would tremble because of the noise of its velocity."""
+"""A servo counts as slow, and is braked by a torque proportional to its speed, if its acceleration limit
+could stop it within this number times the delay of its measurements. Assumed: with full torque, a servo at
+rest at a limit would tremble because of the noise of its velocity."""
 CALMER, BOLDER, LEAST = 0.5, 1.5, 1.0 / 64.0
-"""Three numbers that adapt the braking torque to the joint. CALMER: factor by which the braking torque is
-multiplied after it has reversed the joint's motion. BOLDER: factor by which it is multiplied otherwise.
-LEAST: the braking torque is never reduced below this fraction of the full braking torque. Assumed: with full
-braking torque, a joint that is much lighter than its limits imply would oscillate."""
+"""Three numbers that adapt the braking torque to the joint. With each new velocity, the braking torque is
+multiplied by CALMER if it has reversed the joint's motion, else by BOLDER. It is never below the fraction
+LEAST of the full braking torque, and never above the full braking torque. Assumed: with full braking torque,
+a joint that is much lighter than its limits imply would oscillate."""
 FADE = float(np.deg2rad(2.0))
 """Distance [rad] from a limit below which a torque towards the limit decreases to zero. Assumed: with a
 shorter distance, joints are pushed into their limits; with a longer distance, more of their range is lost."""
@@ -62,13 +63,13 @@ def limit_torques(
     period: float,
     memory: Array,
 ) -> None:
-    """Computes the torques that are sent now to `servos` (k,), and writes these torques into `memory`. The
-    `trust` (k,) in the measurements of each servo, 0 to 1, is the fraction of its torque that is permitted.
+    """Computes the torques [N m] that are sent now to servos in torque mode, and writes them into the row
+    GIVEN of `memory` (5, n_servos). The commanded torques are in its row WANTED.
 
-    `measured` (5, n_servos) and `memory` (5, n_servos) have a column for each servo of the robot, and
-    `limits` (7, k) for each of `servos`. The module lists the rows, from `LOWER` to `BEFORE`. When the next
-    torques are computed, one period later, the measurements are `late` [s] old. If `halts` is True, any
-    motion is braked.
+    `servos` (k,) are the indices of these servos. The rows of `limits` (7, k), `measured` (5, n_servos) and
+    `memory` are listed in this module, from `LOWER` to `BEFORE`. `trust` (k,) in their measurements, 0 to 1,
+    is the fraction of each torque that is permitted. The measurements are `late` [s] old when the next
+    torques are computed, one `period` [s] later. If `halts` is True, any motion is braked.
     """
     for k in range(len(servos)):
         i = servos[k]

@@ -38,7 +38,8 @@ class GenericServo(Description):
     offset: float = 0.0
     """Displacement sigma [rad] of eq. 1: generic angle while the servo is at 0."""
     transform: Literal["linear", "table", "coupled", "synergy", "retarget"] = "linear"
-    """Kind of transform between generic angles and the robot's angles: see `tci.robot.transforms`."""
+    """Kind of transform between generic and servo angles. "linear" and "table" use one servo, "coupled" and
+    "synergy" linear combinations of several servos, "retarget" the servos of a shoulder."""
     table: tuple[tuple[float, float], ...] = ()
     """Pairs (servo angle, generic angle) [rad] of the transform `table`, in rising order of the servo
     angle."""
@@ -53,8 +54,8 @@ class GenericServo(Description):
     """Damping that the command `home` sets, as a fraction 0..1 of full damping."""
     speed: float | None = None
     """Speed [rad/s] at which the generic joint moves, unless the gate's limit is lower. With None, only the
-    gate's limit applies. In a retargeted shoulder, the value limits this joint's own servo in position mode,
-    and the generic joint in velocity mode."""
+    gate's limit applies. In a retargeted shoulder, the value limits the servo in the field `servo` in
+    position mode, and the generic joint in velocity mode."""
     initial: float = 0.0
     """Initial generic angle [rad]."""
 

@@ -63,8 +63,8 @@ THROUGH_JOINTS = Sensor(rest=0.0, pascal_per_count=1.0, lowest=0.0, highest=1.0,
 
 
 def along(values: Array, nodes: Array, results: Array) -> Array:
-    """Interpolates linearly between `nodes` (m,) and extrapolates beyond the last node. For values below 0
-    the result is 0."""
+    """Returns the value of a response curve at each of `values`. The curve is linear between the points
+    (`nodes[i]`, `results[i]`) and beyond the last point. For values below 0 the result is 0."""
     values = np.maximum(values, 0.0)
     slope = (results[-1] - results[-2]) / (nodes[-1] - nodes[-2])
     beyond = np.maximum(values - nodes[-1], 0.0) * slope

@@ -20,11 +20,13 @@ def combine_servos(
     offsets: Array,
     generic: Array,
 ) -> None:
-    """Writes the angles [rad] of the generic joints `ids` (k,) into `generic` (n,).
+    """Computes the generic joints whose angles are weighted sums of servo angles. Writes their angles [rad]
+    into `generic` (n,), at the indices `ids` (k,).
 
-    The angle of joint `ids[j]` is `offsets[j]` plus the sum of `factors[i]` times the `position` (n_servos,)
-    [rad] of the servo `servos[i]`, over all i from `begin[j]` to `begin[j + 1]` - 1. `begin` has the shape (k
-    + 1,). No sum is empty.
+    The angle of the joint `ids[j]` is `offsets[j]` [rad] plus the sum of its terms. `servos` (t,) and
+    `factors` (t,) list the terms of all joints: a term is a factor times the angle of one servo in `position`
+    (n_servos,) [rad]. The joint `ids[j]` has the terms `begin[j]` to `begin[j + 1]` - 1, at least one; so
+    `begin` has the shape (k + 1,).
     """
     for j in range(len(ids)):
         i = begin[j]

@@ -14,11 +14,11 @@ Row = tuple[float, float, float, float]
 
 
 def limb_numbers(part: GenericPart, segment: Segment) -> Array:
-    """Returns the numbers (15,) that describe a limb segment to compiled loops.
+    """Returns the constants (15,) of a limb segment for compiled loops that compute places on the segment.
 
-    The numbers are, in this order: the rotation R_TM of the limb's mount (9 numbers), the origin (3,) [m] in
-    the segment's link, the length [m], the side (+1 left, -1 right), and the index of the segment in
-    SEGMENTS."""
+    The numbers are, in this order: the rotation R_TM of the limb's mount in the torso frame (9 numbers, row
+    by row), the origin (3,) [m] of the segment in the frame of its link, the length [m] of the segment, the
+    side (+1 left, -1 right), and the index of the segment in SEGMENTS (0 upper arm, 1 forearm)."""
     assert part.side is not None  # as `Robot.limb_segment` says
     place = [segment.length, side_sign(part.side), SEGMENTS.index(segment.name)]
     return np.concatenate([part.R_TM.ravel(), segment.origin, place])
@@ -29,8 +29,9 @@ def limb_pose(T_TL: Array, T_TG: Array, limb: Array, posture: Array) -> tuple[Ro
     """Returns three rows (3, 4) of the pose T_SL of a link in the frame S of a limb's segment. `T_TL` (4, 4)
     is the pose of the link in the torso frame T.
 
-    `T_TG` (4, 4) is the pose of the link that carries the segment. `limb` (15,) is the result of
-    `limb_numbers`. `posture` (4,) [rad] are the first four generic angles of the arm.
+    `T_TG` (4, 4) is the pose of the link that carries the segment, also in the torso frame. `limb` (15,)
+    contains the constants of the segment, as `limb_numbers` returns them. `posture` (4,) [rad] are the first
+    four generic angles of the arm.
     """
     side = limb[13]
     # R_MS of `segment_rotation`, axial=False, as products of rotations about y, x, z and y.
@@ -54,8 +55,8 @@ def _turned(x: Vector, y: Vector, c: float, s: float) -> tuple[Vector, Vector]:
 
 @inlined
 def _origin(T_TL: Array, T_TG: Array, limb: Array, k: int) -> float:
-    """Returns component `k` [m], in the torso frame, of the vector from the origin of the segment to the
-    origin of the link."""
+    """Returns one component [m] of the vector from the origin of a limb segment to the origin of a link, in
+    the torso frame: x, y or z for `k` 0, 1 or 2."""
     p = T_TL[k, 3] - T_TG[k, 3]
     for axis in range(3):
         p -= T_TG[k, axis] * limb[9 + axis]
@@ -64,7 +65,9 @@ def _origin(T_TL: Array, T_TG: Array, limb: Array, k: int) -> float:
 
 @inlined
 def _row(T_TL: Array, limb: Array, axis: Vector, p: Vector) -> Row:
-    """Returns the row of T_SL that belongs to `axis`, an axis of S given in the mount frame M."""
+    """Returns one row (4,) of the pose T_SL (3, 4) of a link in the frame S of a limb segment. The row
+    belongs to `axis` (3,), an axis of S given in the frame of the limb's mount. `p` (3,) [m] is the vector
+    from the origin of S to that of the link, in the torso frame."""
     a = limb[0] * axis[0] + limb[1] * axis[1] + limb[2] * axis[2]
     b = limb[3] * axis[0] + limb[4] * axis[1] + limb[5] * axis[2]
     c = limb[6] * axis[0] + limb[7] * axis[1] + limb[8] * axis[2]

@@ -10,18 +10,21 @@ from tci.compiled import compiled, inlined, reads, views, writes
 from tci.frames import Array
 
 BEFORE, SERVO, SLIDES = range(3)
-"""Columns of `KinematicChain.steps`, the fixed offsets and joints between links: index of the previous step
-(-1 for the world), index of the servo (-1 for none), and 1 if the joint is prismatic."""
+"""Columns of the table `KinematicChain.steps`. Each row of this table is a step: a fixed offset or a joint on
+the way from the world to a link. The columns are: index of the previous step (-1 for the world), index of the
+servo (-1 for none), and 1 if the joint is prismatic, otherwise 0."""
 STEP, SIGN = range(2)
-"""Columns of the table `path`: index of a step in the table `steps`, and the sign (1 or -1) with which the
-step's servo counts in a Jacobian; 0 if it does not count. `KinematicChain.path` has the details."""
+"""Columns of a table `path`, which lists the steps (fixed offsets and joints) on the way to some links. The
+columns are: index of the step in the table `steps`, and the sign (1 or -1) with which the step's servo counts
+in a Jacobian; 0 if it does not count."""
 
 
 @inlined
 def take_steps(
     position: Array, path: NDArray[np.int64], steps: NDArray[np.int64], sums: Array, work: Array
 ) -> None:
-    """Computes the pose in the world frame after each step of a path, and writes it into `work` (s, 3, 4)."""
+    """Computes the pose in the world frame at the end of each step (fixed offset or joint) of `path`, and
+    writes it into the step's row of `work` (s, 3, 4). The arguments are those of `link_poses`."""
     for k in range(len(path)):
         s = path[k, STEP]
         before, servo = steps[s, BEFORE], steps[s, SERVO]
@@ -56,14 +59,14 @@ def link_poses(
     work: Array,
     poses: Array,
 ) -> None:
-    """Writes the poses `T_TL` (l, 4, 4) of links into `poses`.
+    """Computes the poses `T_TL` of l links in the torso frame, and writes them into `poses` (l, 4, 4).
 
-    Link l lies at the end of the step `ends[l]`. The poses are given in the frame at the end of the step
-    `torso`.
+    The kinematic model consists of s steps; a step is a fixed offset or a joint. `ends` (l,) are the indices
+    of the steps that end at the links, and `torso` is the index of the step that ends at the torso frame.
 
-    `position` (n_servos,) [rad] are the servos' angles. `path` (k, 2) lists all required steps, parents
-    first. `steps` (s, 3) and `sums` (s, 3, 3, 4) are explained in `tci.robot.kinematics`. `work` (s, 3, 4) is
-    work space.
+    `position` (n,) [rad] are the angles of the servos, and then of the joints that follow servos. `path` (k,
+    2) lists all required steps, each after the step before it; the columns are `STEP` and `SIGN`. `steps` (s,
+    3) and `sums` (s, 3, 3, 4) are those of `KinematicChain`. `work` (s, 3, 4) is work space.
     """
     take_steps(position, path, steps, sums, work)
     T_WT = work[torso]
@@ -96,13 +99,15 @@ def pose_and_jacobian(
     pose: Array,
     jacobian: Array,
 ) -> None:
-    """Writes the pose of a point of a link, and adds the Jacobian of the point to `jacobian`.
+    """Computes the pose `T_TP` of a point of a link, and the Jacobian of this point, both in the torso frame.
+    Writes the pose into `pose` (4, 4), and adds the Jacobian to `jacobian` (6, n), which must contain zeros
+    before.
 
-    The `point` (3,) [m] is given in the link's frame, its pose `T_TP` (4, 4) in the torso frame. `ends`
-    contains two indices into `steps`: of the step that ends at the link, and of the step that ends at the
-    torso frame. The Jacobian (6, n_servos) is relative to the torso. `axes` (s, 2, 3) contains the axis of
-    each step's joint and a point [m] on this axis, in the frame before the step. The other arguments are
-    those of `link_poses`.
+    `point` (3,) [m] is given in the link's frame. `ends` (2,) are the indices of the steps that end at the
+    link and at the torso frame; a step is a fixed offset or a joint. The Jacobian has one column for each
+    angle in `position` (n,) [rad]; its rows are the velocity of the point [m/rad] and the angular velocity
+    [rad/rad]. `axes` (s, 2, 3) contains the axis of each step's joint and a point [m] on this axis, in the
+    frame before the step. The other arguments are those of `link_poses`.
     """
     take_steps(position, path, steps, sums, work)
     T_WL, T_WT = work[ends[0]], work[ends[1]]

@@ -13,7 +13,7 @@ from tci.robot.limb import RHO
 @inlined
 def limb_point(theta: float) -> tuple[float, float]:
     """Returns the coordinates y and z [limb lengths] of the point at the angle `theta` [rad] on the generic
-    limb (eq. 6); see `generic_limb_point`."""
+    limb, a cylinder of length 1 (eq. 6). `theta` is 0 on the flexor side and pi/2 on the lateral side."""
     return RHO * np.sin(theta), RHO * np.cos(theta)
 
 
@@ -21,7 +21,10 @@ def limb_point(theta: float) -> tuple[float, float]:
 def mean_force(
     u: float, theta: float, taxel_u: Array, taxel_theta: Array, forces: Array, radius: float
 ) -> float:
-    """Returns the weighted force F-bar [N] of eq. 7; see `tci.skin.contacts.weighted_force`."""
+    """Returns the weighted force F-bar [N] of a contact (eq. 7): the mean of the taxels' `forces` (k,) [N],
+    with larger weights for taxels near the contact's centre. `u` and `theta` [rad] are the place of the
+    centre on the generic limb, `taxel_u` (k,) and `taxel_theta` (k,) [rad] those of the taxels. `radius`
+    [limb lengths] is the radius of the receptive field."""
     total, weights = 0.0, 0.0
     y, z = limb_point(theta)
     for i in range(len(forces)):

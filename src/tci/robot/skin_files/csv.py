@@ -37,7 +37,7 @@ _COUNT = re.compile(r"[0-9]{1,6}")
 
 @dataclass(frozen=True)
 class _Row:
-    """One line of the table, with lengths in metres."""
+    """One row of a table of taxels, in metres and square metres."""
 
     line: int
     channel: int
@@ -87,8 +87,8 @@ def _all() -> str:
 
 
 def _header(cells: list[str], line: int, faults: Faults) -> dict[str, tuple[int, float]]:
-    """Returns, for each column, the column's index and the factor that converts the column's values to SI
-    units."""
+    """Returns, by the name of each column in the header, the column's index and the factor that converts its
+    values to SI units. Records a fault for an invalid column."""
     columns: dict[str, tuple[int, float]] = {}
     for place, cell in enumerate(cells):
         found = _HEAD.fullmatch(cell.strip())

@@ -73,11 +73,12 @@ def read_skin_file(path: str | Path) -> SkinLayout:
 
 
 def _pads(valid: NDArray[np.bool_], listed: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Returns an array (n,) that is True for channels that are thermal pads.
+    """Returns an array (n,) that is True for channels that are thermal pads. `valid` (n,) is True for
+    channels with a position; `listed` is the file's list `taxel2Repr`.
 
-    Newer files mark pads by -2 in the list `taxel2Repr`. In older files, -1 in this list marks a pad if the
-    channel has a position. In files without marks, and after the end of the list, pads are the channels 6 and
-    10 of each module that has a position.
+    Newer files mark pads by -2 in this list. In older files, -1 marks a pad if the channel has a position. In
+    files without marks, and after the end of the list, pads are the channels 6 and 10 of each module (12
+    channels) in which a channel has a position.
     """
     pads = np.zeros(len(valid), dtype=bool)
     pads[: len(listed)] = (listed == -2) | ((listed == -1) & valid[: len(listed)])

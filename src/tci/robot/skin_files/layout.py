@@ -48,7 +48,7 @@ class SkinLayout:
     """Index (n,) of the module of each channel; -1 for a channel that has no position and is not a thermal
     pad."""
     representative: NDArray[np.intp]
-    """Index (n,) of the channel that stands for the group of each channel (see `sampling`); -1 for an absent
+    """For each channel, the index (n,) of the channel that represents it, possibly itself; -1 for an absent
     channel, -2 for a thermal pad. Older skin files have -1 for thermal pads too."""
     listed_normals: Array
     """Normals (n, 3) as written in the file. These normals may have any length. iCub's skinManager uses them
@@ -157,8 +157,8 @@ def make_layout(
 
 
 def _across(tangents: Array, normals: Array) -> Array:
-    """Projects `tangents` (n, 3) onto the planes perpendicular to the normals, and scales them to unit
-    length. The result is zero for a tangent parallel to its normal."""
+    """Returns the `tangents` (n, 3) made perpendicular to the `normals` (n, 3), with unit length. The result
+    is zero for a tangent parallel to its normal."""
     along = tangents - np.einsum("ni,ni->n", tangents, normals)[:, None] * normals
     lengths = np.linalg.norm(along, axis=1, keepdims=True)
     result: Array = np.divide(along, lengths, out=np.zeros_like(along), where=lengths > 1e-6)

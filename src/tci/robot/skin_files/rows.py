@@ -13,7 +13,8 @@ from tci.robot.xml.document import Faults
 
 
 def read_skin_rows(path: str | Path) -> SkinLayout:
-    """Reads a file of plain rows. Numbers are separated by commas or spaces; `#` or `%` begins a comment.
+    """Reads a file with one row `x y z nx ny nz` [m] per channel. Numbers are separated by commas or spaces;
+    `#` or `%` begins a comment.
 
     Raises DescriptionError with all faults, each with its line.
     """

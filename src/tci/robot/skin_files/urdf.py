@@ -133,8 +133,9 @@ def _sensor(element: etree._Element, source: str, links: set[str], faults: Fault
 
 
 def _array(element: etree._Element, faults: Faults) -> tuple[Channels, Array, float] | None:
-    """Returns the channels (n,) and poses (n, 4, 4) of the taxels of an `<array>`, in the sensor's frame, and
-    the area [m2] of one taxel. Returns None for an invalid array."""
+    """Reads an element `<array>`, which describes a grid of equal taxels. Returns the channels (n,) of the
+    taxels, their poses (n, 4, 4) in the sensor's frame, and the area [m2] of one taxel. Returns None for an
+    invalid array."""
     line = element.sourceline or 0
     counts = [_count(element, key, faults, least=1, most=1024) for key in ("rows", "cols")]
     size = _numbers(element, "size", 2, faults)
@@ -161,7 +162,8 @@ def _array(element: etree._Element, faults: Faults) -> tuple[Channels, Array, fl
 
 
 def _taxels(elements: list[etree._Element], faults: Faults) -> tuple[Channels, Array, None] | None:
-    """Returns the indices (n,) and poses (n, 4, 4) of taxels that are listed one by one."""
+    """Returns the channels (n,) and poses (n, 4, 4) of taxels that a file lists one by one, in the sensor's
+    frame, and None as their unknown area. Returns None if a taxel is invalid."""
     index, poses = [], []
     lines: dict[int, int] = {}
     for element in elements:
@@ -213,5 +215,5 @@ def _local(element: etree._Element) -> str:
 
 
 def _children(element: etree._Element, tag: str) -> list[etree._Element]:
-    """Returns the child elements named `tag` in any XML namespace, because some files use a namespace."""
+    """Returns the child elements named `tag`, with or without an XML namespace."""
     return [child for child in element if isinstance(child.tag, str) and _local(child) == tag]

@@ -61,7 +61,7 @@ class Element:
         return found if self.describes is not None and found in self.describes.model_fields else None
 
     def default(self, name: str) -> Any:
-        """Returns the default of an attribute, or of a child with a value; None if there is no default."""
+        """Returns the default of an attribute or child element; None if there is no default."""
         found = self.field(name)
         if self.describes is None or found is None or self.describes.model_fields[found].is_required():
             return None

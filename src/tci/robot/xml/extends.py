@@ -39,8 +39,8 @@ def read_element(file: Path) -> tuple[etree._Element, bytes]:
 
 
 def _files(file: Path) -> Iterator[tuple[etree._Element, bytes, str]]:
-    """Yields root element, bytes and path of a description, then of the description that it extends, and so
-    on."""
+    """Reads a description, then the description that it extends, and so on. Yields the root element, the
+    bytes and the path of each."""
     for _ in range(MOST):
         data = read_bytes(file)
         element = parse(data, str(file))
@@ -61,8 +61,9 @@ def _files(file: Path) -> Iterator[tuple[etree._Element, bytes, str]]:
 
 
 def _merge(base: etree._Element, other: etree._Element, source: str) -> None:
-    """Adds the attributes and children of `other` to `base`. `other` is an element of the file `source`.
-    Raises DescriptionError if `other` removes an element that `base` does not have."""
+    """Changes the element `base` as the matching element `other` of a variant requires: adds or replaces
+    attributes and children, and removes children. `source` is the path of the variant. Raises
+    DescriptionError if `other` removes an element that `base` does not have."""
     changes = {
         name: value for name, value in other.attrib.items() if name != ATTRIBUTE and base.get(name) != value
     }
@@ -89,6 +90,6 @@ def _merge(base: etree._Element, other: etree._Element, source: str) -> None:
 
 
 def _key(element: etree._Element) -> tuple[str | None, ...]:
-    """Returns the tag and the name of an element, by which it is identified."""
+    """Returns the tag and the name (id, middleware, ...) of an element. Elements with equal values match."""
     name = next((element.get(key) for key in KEYS if element.get(key) is not None), None)
     return str(element.tag), name

@@ -50,7 +50,8 @@ from tci.robot.xml.values import (
 
 
 def _choice(described: type[Description], field: str) -> Choice:
-    """Returns the valid keywords of a field whose type is a `Literal`."""
+    """Returns the valid keywords of the field `field` of the class `described`. The type of the field must be
+    a `Literal`."""
     return Choice(get_args(described.model_fields[field].annotation))
 
 

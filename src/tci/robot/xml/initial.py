@@ -17,9 +17,9 @@ from tci.robot.xml.transforms import separable
 from tci.robot.xml.values import in_unit
 
 _SLACK = 1e-9
-"""Rounding error [rad] of an angle that was converted between units."""
+"""Tolerance [rad] for rounding errors of angles that were converted between units."""
 _SOLVED = 1e-6
-"""Largest error [rad] of the angles of a retargeted shoulder. These angles are computed numerically."""
+"""Tolerance [rad] for errors of the angles of a retargeted shoulder, which are computed numerically."""
 
 
 def initial_angles(parts: Sequence[GenericPart]) -> dict[int, float]:
@@ -116,7 +116,8 @@ def _transforms(generic: Sequence[GenericServo]) -> list[Transform]:
 
 
 def _angles(transform: Transform, generic: Sequence[GenericServo]) -> dict[int, float]:
-    """Returns the initial angles [rad] of the servos of a transform, by the index of the servo."""
+    """Returns the initial angles [rad] of the servos that `transform` moves, by the index of the servo.
+    `generic` are the generic joints of the part."""
     initial = {joint.id: joint.initial for joint in generic}
     angles = np.array([initial[id] for id in transform.ids.tolist()])
     found = transform.robot(angles, np.zeros(len(angles)))

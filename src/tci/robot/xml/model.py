@@ -21,8 +21,8 @@ MAX_MODEL_BYTES = 16 << 20
 """Size [bytes] of the largest model file in which the names of links and joints are checked."""
 
 _OPAQUE = ("include", "attach", "replicate")
-"""Elements of MJCF that add names which are not in the file itself. The names of a model with these elements
-are not checked."""
+"""Elements of an MJCF file that add links and joints whose names are not in the file. If a model has such an
+element, the names of its links and joints are not checked."""
 
 _ONE_AXIS = ("revolute", "continuous", "prismatic", "hinge", "slide")
 """Types of joints in URDF and MJCF that a servo can move."""
@@ -82,8 +82,8 @@ def read_model(root: Node, source: Path, faults: Faults) -> tuple[Model | None, 
 
 
 def _meshes(node: Node, source: Path, faults: Faults) -> str | None:
-    """Returns the folder of meshes that `node` names. The folder must be the folder of the description
-    `source` or a folder below it."""
+    """Returns the path of the folder with meshes that `node` names, or "none" if the model is read without
+    meshes. Records a fault if the folder is not in or below the folder of the description `source`."""
     meshes: str | None = node.get("meshes")
     if meshes is None or meshes == NO_MESHES:
         return meshes
@@ -163,7 +163,8 @@ def _attribute(elements: Iterable[etree._Element]) -> list[str]:
 
 
 def _check_names(root: Node, names: ModelNames, faults: Faults) -> None:
-    """Checks that the model contains every link, joint and frame that the description names."""
+    """Records a fault for each link, joint or frame that the description names but the model does not
+    contain."""
 
     def check(node: Node | None, attribute: str, valid: frozenset[str], what: str) -> None:
         name = None if node is None else node.get(attribute)

@@ -15,9 +15,10 @@ from tci.robot.xml.grammar import UNIT
 from tci.robot.xml.values import ImplausibleError, InvalidValueError, Unit, Value
 
 _XSI = "{http://www.w3.org/2001/XMLSchema-instance}"
-"""XML namespace of the attributes with which a file names its schema for editors."""
+"""Beginning of the names of attributes with which an XML file names its schema for editors. These attributes
+are ignored."""
 _SPACE = " \t\r\n"
-"""White space of XML. Programs that format XML add white space around the text of an element."""
+"""Characters that are white space in XML. They are removed from both ends of the text of an element."""
 
 
 @dataclass
@@ -93,7 +94,7 @@ def nearest(name: str, valid: Iterable[str]) -> str:
 
 
 class _Reader:
-    """Reads one element. Remembers if the element has a fault."""
+    """Reads one XML element, and records its faults. `found` is True if there was a fault."""
 
     def __init__(self, element: etree._Element, faults: Faults) -> None:
         self.element = element
@@ -105,7 +106,8 @@ class _Reader:
         self.faults.add(self.element.sourceline or 0 if line is None else line, message)
 
     def value(self, value: Value, text: str, what: str, unit: Unit) -> Any:
-        """Returns the value of `text`. If `text` is invalid, records a fault and returns None."""
+        """Converts `text` to a value of the kind `value`. If `text` is invalid, records a fault, in which
+        `what` names the text, and returns None."""
         self.faults.angles += value.angular
         try:
             return value.read(text, unit)

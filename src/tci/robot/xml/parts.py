@@ -33,7 +33,7 @@ joints. Parts of other kinds may list fewer joints."""
 PIECES = {"arm": SEGMENTS, "fingers": (*generic_fingers.FINGERS, generic_fingers.PALM)}
 """Names of the segments that a part may have, by the part's kind."""
 _SLACK = 1e-9
-"""Rounding error [rad] of an angle that was converted between units."""
+"""Tolerance [rad] for rounding errors of angles that were converted between units."""
 
 
 def read_parts(root: Node, servos: Servos, faults: Faults) -> tuple[GenericPart, ...]:
@@ -73,7 +73,8 @@ def _part(node: Node, servos: Servos, faults: Faults) -> GenericPart:
 
 
 def _by_id(node: Node, name: str, faults: Faults) -> dict[int, Node]:
-    """Returns the generic servos by id. The ids must be 0, 1, ... without a gap."""
+    """Returns the elements `generic_servo` of the part named `name`, by id. Records a fault if the ids are
+    not 0, 1, ... without a gap."""
     nodes = once_only(node.all("generic_servo"), "id", f"generic_servo of {name!r} with", faults)
     count = node.value("generic_servo_number")
     total = len(node.all("generic_servo"))
@@ -93,7 +94,8 @@ def _by_id(node: Node, name: str, faults: Faults) -> dict[int, Node]:
 
 def _names(node: Node, name: str, kind: str, nodes: Mapping[int, Node], faults: Faults) -> dict[int, str]:
     """Returns the names of a part's generic joints (elements `generic_servo`) by id. The joints of arms and
-    fingers have fixed names in a fixed order."""
+    fingers have fixed names in a fixed order; another name or another number of joints is recorded as a
+    fault."""
     once_only(
         [child for child in nodes.values() if "name" in child.values],
         "name",
@@ -120,8 +122,8 @@ def _names(node: Node, name: str, kind: str, nodes: Mapping[int, Node], faults: 
 
 
 def _initial_positions(node: Node, nodes: Mapping[int, Node], faults: Faults) -> dict[int, Node]:
-    """Returns the `servo` elements of `initial_positions` by generic id. As in the paper, the number in such
-    an element is the generic id."""
+    """Returns the `servo` elements of `initial_positions`, by the id of the generic joint that they describe.
+    As in the paper, `destination_servo_id` of such an element is this id."""
     group = node.first("initial_positions")
     if group is None:
         return {}

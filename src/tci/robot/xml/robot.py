@@ -69,11 +69,10 @@ def read_robot(path: str | os.PathLike[str]) -> Robot:
 
 
 def _read_root(element: etree._Element, source: str) -> tuple[Node, Faults]:
-    """Returns the root and the faults of the whole tree. If the unit is wrong, all implausible angles
-    together are reported as one fault.
+    """Reads all elements of a description. Returns the root element and the faults of all elements. If many
+    angles are implausible because the unit of the file is wrong, they are reported as one fault.
 
-    A file without a unit is refused. The angles of such a file are still checked, as if the unit were
-    degrees.
+    A file without a unit has a fault. Its angles are still checked, as if the unit were degrees.
     """
     unit = element.get("angle_unit")
     faults, others = Faults(source), Faults(source)
@@ -99,7 +98,8 @@ def schema_path() -> Path:
 
 
 def _bindings(root: Node, servos: Servos, patches: Sequence[Patch], faults: Faults) -> tuple[Binding, ...]:
-    """Reads the bindings. Does not check an address if the description of its patch has faults."""
+    """Reads the bindings: rates and addresses for each middleware. Does not check the modules in an address
+    if the description of its patch has faults."""
     skin = root.first("skin")
     names = [patch.get("name") for patch in skin.all("patch")] if skin is not None else []
     known = {name for servo in servos.all for name in (servo.name, servo.robot_part)}
@@ -133,8 +133,9 @@ def _bindings(root: Node, servos: Servos, patches: Sequence[Patch], faults: Faul
 
 
 def _check_modules(node: Node, address: Address, channels: Mapping[str, int], faults: Faults) -> None:
-    """Checks the skin modules that a patch's address lists. Together they must have as many taxels as the
-    patch has channels, and the middleware's message must be long enough to contain them."""
+    """Checks the skin modules in a patch's address; a module has 10 taxels and takes 12 values in a message.
+    Records a fault if the number of taxels is not the number of the patch's channels, or if the message is
+    too short for the modules."""
     if address.channels is None and not address.modules:
         return
     own, wide = channels.get(address.of, 0), address.channels or 0

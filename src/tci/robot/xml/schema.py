@@ -120,13 +120,15 @@ def _element(tag: str, element: Element, types: dict[Value, str]) -> etree._Elem
 
 
 def _note(text: str) -> list[etree._Element]:
-    """Returns the annotation that editors show for an element: `text` without its Markdown."""
+    """Returns the XSD annotation that editors show for an element: `text` without its Markdown. The list is
+    empty if `text` is empty."""
     plain = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", " ".join(text.split())).replace("`", "")
     return [_XS.annotation(_XS.documentation(plain))] if plain else []
 
 
 def _type(value: Value, types: dict[Value, str]) -> str:
-    """Returns the name of the simple type for a value, and adds this type to `types`."""
+    """Returns the name of the XSD type for values of the kind `value`. `types` are the names of all types so
+    far; a new type is added to them."""
     kind = type(value).__name__.lower()
     return types.setdefault(value, f"{kind}{len(types)}")
 
@@ -169,7 +171,7 @@ def _restricted(base: str, *facets: tuple[str, object]) -> etree._Element:
 
 
 def _texts(described: type[Description] | None) -> dict[str, str]:
-    """Returns the docstring of each field of a type."""
+    """Returns the docstrings of the fields of the class `described`, by the name of the field."""
     if described is None:
         return {}
     [body] = ast.parse(textwrap.dedent(inspect.getsource(described))).body

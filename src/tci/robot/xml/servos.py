@@ -17,8 +17,8 @@ Key = tuple[str, int]
 """Robot part and id, which together identify a servo in a file."""
 
 _RADIANS_LIKE = math.radians(2.0 * math.pi)
-"""The angle 6.28 degrees, in [rad]. In radians, 6.28 (2 pi) is a full turn. If a file is in degrees and no
-limit is larger than 6.28, the limits were probably written in radians."""
+"""Angle of 6.28 degrees [rad]. If a file is in degrees and no limit is larger than this angle, the limits
+were probably written in radians, in which 6.28 (2 pi) is a full turn."""
 
 
 class Servos:
@@ -140,8 +140,8 @@ def read_couplings(
 
 
 def _mentioned(root: Node, servos: Servos) -> None:
-    """Adds the servos to which the generic parts are mapped, without limits. This function is for files
-    without `robot_part`, as in Listing 2."""
+    """Adds to `servos` the servos that the generic parts of a file name, without limits. This function is for
+    files that do not list their servos in elements `robot_part`, such as Listing 2."""
     mentioned: dict[Key, int] = {}
     for part in root.all("generic_robot_part"):
         for node in part.all("generic_servo"):
@@ -178,8 +178,8 @@ def check_range(node: Node, what: str, faults: Faults) -> bool:
 
 
 def _check_unit(root: Node, servos: Servos, faults: Faults) -> None:
-    """Reports limits in a file with angle_unit="deg" that are probably in radians. With these limits, a robot
-    could move only by a few degrees."""
+    """Records a fault if the limits in a file with angle_unit="deg" are probably in radians, because none of
+    them is larger than 6.28."""
     ranges = [
         (node.first("position"), servos.line) for part in root.all("robot_part") for node in part.all("servo")
     ]

@@ -56,8 +56,8 @@ def _sensor(patch: Node, faults: Faults) -> Sensor | None:
 
 
 def _only_one(patch: Node, ways: Iterable[str], what: str, faults: Faults) -> Node | None:
-    """Returns the only child of a patch with a tag in `ways`. Records a fault if the patch has no such child,
-    or more than one."""
+    """Returns the only child of a patch that has one of the tags `ways`. If there is no such child or more
+    than one, records a fault and returns None."""
     found = [tag for tag in ways if patch.all(tag)]
     if len(found) == 1:
         return patch.all(found[0])[0]
@@ -91,8 +91,8 @@ def _axes(sensor: Node, faults: Faults) -> Literal[1, 3]:
 
 
 def _response(sensor: Node, faults: Faults) -> tuple[tuple[float, float], ...]:
-    """Returns the points of a response curve. Each point has two values: counts away from rest, and pressure
-    [Pa]."""
+    """Returns the points of a sensor's response curve: deviation from rest [counts] and pressure [Pa] of each
+    point. The result is empty if there is no valid curve."""
     node = sensor.first("response")
     if node is None:
         return ()
@@ -105,8 +105,8 @@ def _response(sensor: Node, faults: Faults) -> tuple[tuple[float, float], ...]:
 
 
 def _places(patch: Node) -> int | None:
-    """Returns the number of places for taxels in a frame: the number of channels, divided by the number of
-    channels per taxel. None if one of these numbers is missing or invalid."""
+    """Returns the number of taxels for which a patch has channels: the number of channels divided by the
+    number of channels per taxel. Returns None if one of these numbers is missing or invalid."""
     channels, sensor = patch.get("channels"), patch.first("sensor")
     axes = 1 if sensor is None else sensor.get("axes", 1)
     return None if channels is None or axes is None else channels // axes

@@ -23,8 +23,8 @@ together, since each angle of the robot's shoulder depends on all three."""
 
 
 def read_table(node: Node, kind: str, faults: Faults) -> tuple[tuple[float, float], ...]:
-    """Reads the table of a generic servo: pairs (robot's angle, generic angle) [rad], in rising order of the
-    robot's angle."""
+    """Reads the table of a generic joint: pairs (servo angle, generic angle) [rad], in rising order of the
+    servo angle."""
     table = node.first("transform_table")
     if kind != "table":
         if table is not None:
@@ -103,8 +103,9 @@ def check_coupled(node: Node, generic: Sequence[GenericServo], faults: Faults) -
 
 
 def check_synergy(node: Node, generic: Sequence[GenericServo], faults: Faults) -> None:
-    """Checks that each joint with a synergy has its own servo (`destination_servo_id`) among its
-    `coupled_terms`. Also checks that no joint without a synergy uses a servo of these terms."""
+    """Checks that each joint with the transform `synergy` has its own servo (`destination_servo_id`) among
+    its `coupled_terms`. Also checks that no joint with another transform has a servo of these terms as its
+    own."""
     synergic = [joint for joint in generic if joint.transform == "synergy" and joint.servo is not None]
     moved = {term.servo for joint in synergic for term in joint.terms}
     for joint in synergic:
@@ -121,8 +122,8 @@ def check_synergy(node: Node, generic: Sequence[GenericServo], faults: Faults) -
 
 def separable(coupled: Sequence[GenericServo]) -> bool:
     """Returns True if a part's angles can be converted back to servo angles. Each of the joints `coupled` is
-    a weighted sum of servo angles. These sums must contain only the joints' own servos, and the matrix of the
-    weights must be invertible. `coupled` contains at least one joint."""
+    a weighted sum of servo angles. The sums must contain no servos except those that are assigned to these
+    joints, and the matrix of the weights must be invertible. `coupled` contains at least one joint."""
     own = [joint.servo for joint in coupled]
     if any(term.servo not in own for joint in coupled for term in joint.terms):
         return False

@@ -66,22 +66,22 @@ def write_robot(
 
 
 class _Written:
-    """One element that is being written, and the rules of the grammar for this element."""
+    """XML element that is being written, with the rules of the grammar for this element."""
 
     def __init__(self, node: etree._Element, grammar: Element) -> None:
         self.node = node
         self.grammar = grammar
 
     def add(self, tag: str, described: object = None, **given: Any) -> _Written:
-        """Appends a child element with the values in `given`, and with all fields of the object `described`
-        that differ from their defaults."""
+        """Appends a child element named `tag` and returns it. The child contains the values in `given`, by
+        name, and all fields of the object `described` that differ from their defaults."""
         child = _Written(etree.SubElement(self.node, tag), self.grammar.children[tag])
         child.fill(described, **given)
         return child
 
     def fill(self, described: object = None, **given: Any) -> None:
-        """Writes the values in `given`, and all fields of the object `described` that differ from their
-        defaults."""
+        """Writes into the element the values in `given`, by name, and all fields of the object `described`
+        that differ from their defaults."""
         grammar = self.grammar
         held = {tag: child.text for tag, child in grammar.children.items() if child.text is not None}
         for name, value in (grammar.values | held).items():

@@ -1,1 +1,2 @@
-"""Compiled stages of perception (Numba). Tests compare each stage with a version in NumPy."""
+"""Parts of perception that Numba compiles, from raw frames to contacts. Tests compare each part with a
+version in NumPy."""

@@ -1,4 +1,5 @@
-"""Arrays that the stages of perception share: layout, estimates, memory and results."""
+"""Arrays that the compiled loops of perception share: properties of taxels, estimates, statistics, clusters
+and contacts."""
 
 from __future__ import annotations
 
@@ -16,75 +17,86 @@ Places = NDArray[np.int64]
 Single = NDArray[np.float32]
 
 TAXEL, CHANNEL, BLOCK, CELL, NODE = range(5)
-"""Columns of `LayoutArrays.begin`: a patch's first taxel, channel, block of taxels, cell of the grid over its
-faces, and node of its response."""
+"""Columns of `LayoutArrays.begin`, which contains the index of each patch's first element in arrays of the
+whole skin. The elements are taxels, channels, blocks of up to 64 taxels, cells of the grid for the search of
+faces, and points of response curves."""
 LOWEST, HIGHEST, REST, SIGN, FULL = range(5)
-"""Columns of `LayoutArrays.sensor`: the range (two columns), rest value and polarity of raw values, and the
-largest deviation [counts]."""
+"""Columns of `LayoutArrays.sensor`, with a row for each patch's sensor: lowest raw value, highest raw value,
+rest value, polarity (-1 if pressure decreases the raw values, else 1), and largest deviation [counts]."""
 FIRST, END, STRAIGHT = range(3)
-"""Columns of `LayoutArrays.span`, for one block of a patch's taxels: smallest channel, largest channel + 1,
-and 1 if the channels of successive taxels are consecutive, otherwise 0."""
+"""Columns of `LayoutArrays.span`, with a row for each block of up to 64 taxels of a patch: smallest channel,
+largest channel + 1, and 1 if the channels of successive taxels are consecutive, otherwise 0."""
 AREA = 6
-"""Column of `LayoutArrays.taxel` with the area, after the columns of position and normal."""
+"""Column of `LayoutArrays.taxel` with the area [m2] of each taxel. The columns before contain position and
+normal."""
 LINK, LIMB_LINK, POSTURE = range(3)
-"""Columns of `LayoutArrays.on`, which has one row per patch: link of the patch, link of the patch's limb
-segment, and the row that contains the angles of the patch's generic part."""
+"""Columns of `LayoutArrays.on`, with a row of indices for each patch: link of the patch, link of the patch's
+limb segment, and row of the patch's part in a table of the parts' angles."""
 BLOCK_SIZE = 64
-"""Taxels per block. If the raw values of a block equal those of the previous frame, the block is not computed
-again: only the number of such frames is counted."""
+"""Largest number of taxels in a block, which is a group of successive taxels that are processed together. A
+block whose raw values equal those of the previous frame is not computed again."""
 
 
 class LayoutArrays(NamedTuple):
-    """Constant properties of all taxels (n,) of a robot, in the order of patches (p,)."""
+    """Constant properties of all n taxels and p patches of a robot. The taxels are in the order of their
+    patches."""
 
     begin: Places
-    """First taxel, channel, block of taxels, grid cell and response node of each patch, as indices (p + 1, 5)
-    into the arrays of the whole skin. The last row contains the totals."""
+    """Indices (p + 1, 5) of each patch's first element in arrays of the whole skin. The columns are for
+    taxels, channels, blocks of up to 64 taxels, grid cells, and points of response curves. The last row
+    contains the totals."""
     sensor: Single
-    """Lowest and highest value, rest value, polarity and largest deviation (p, 5) [counts] of each patch's
-    sensor."""
+    """Properties (p, 5) of each patch's sensor: lowest raw value, highest raw value, rest value, polarity (-1
+    if pressure decreases the raw values, else 1), and largest deviation [counts]."""
     rate: Array
-    """Frames per second (p,) [Hz]."""
+    """Number of frames per second (p,) [Hz] that each patch sends."""
     channel: Places
-    """Index (n,) of each taxel in the buffer of raw values."""
+    """Index (n,) of each taxel's value among the raw values of all patches. For three-axis taxels this is the
+    value along the normal."""
     span: Places
-    """Table (b, 3) with a row for each block of taxels: first channel, last channel + 1, and 1 if the
-    channels are consecutive, otherwise 0."""
+    """Channels (b, 3) of each block of up to 64 taxels of a patch: smallest channel, largest channel + 1, and
+    1 if the channels of successive taxels are consecutive, otherwise 0."""
     gain: Array
-    """Response (n,) [Pa per count] of each taxel. For a patch with a response curve (see `nodes`): factor by
-    which the taxel's pressure on the curve is multiplied."""
+    """Pressure per count (n,) [Pa] of each taxel. For a patch with a response curve: factor by which the
+    pressure on this curve is multiplied."""
     nodes: Array
-    """Deviation [counts] and pressure [Pa] (2, m) at the nodes of piecewise linear responses."""
+    """Points (2, m) of the response curves of all patches: deviations [counts] in the first row, pressures
+    [Pa] in the second. Between two points a curve is linear."""
     taxel: Array
-    """Position [m], outward normal and area [m2] (n, 7) of each taxel, in the frame of the patch's link."""
+    """Rows (n, 7) with position (3,) [m], outward normal (3,) and area [m2] of each taxel, in the frame of
+    the patch's link."""
     fill: Array
-    """Fill factor (n, w) around each taxel, for each width in `fill_factor.WIDTHS`."""
+    """Fill factor (n, w) around each taxel, averaged over areas of w increasing widths
+    (`fill_factor.WIDTHS`)."""
     graph: Indices
-    """Neighbours of each taxel: the neighbours of taxel i are the entries from `graph[i]` to `graph[i + 1]` -
-    1 of this array.
+    """Neighbours of each taxel, one taxel after another. The first n + 1 entries are places in this array:
+    the neighbours of taxel i are from place `graph[i]` to place `graph[i + 1]` - 1.
     """
     faces: Indices
-    """Indices (f, 3) of the three taxels at the corners of each of the f faces."""
+    """Triangles (f, 3) between the taxels of each patch, as indices of taxels within the whole skin."""
     box: Array
-    """Grid of cells (p, 7) of each patch: the corner (3,) [m] with the lowest coordinates, the number of
-    cells per metre, and the number of cells along x, y and z."""
+    """Grid of cells (p, 7) around each patch's surface, for a fast search of faces: the corner (3,) [m] with
+    the lowest coordinates, the number of cells per metre, and the number of cells along x, y and z. Zeros for
+    a patch without faces."""
     cells: Indices
-    """Index at which the faces of each grid cell (see `box`) start in this array (cells + 1 entries),
-    followed by the faces, cell by cell."""
+    """Indices of the faces in each grid cell, one cell after another. The first entries (number of cells + 1)
+    are places in this array, at which the faces of each cell begin."""
     limb: Array
-    """Properties (p, 15) of each patch's limb segment: rotation of the mount (9 numbers), origin (3), length,
-    side, and index of the segment. Zeros for a patch that is on no limb segment.
+    """Properties (p, 15) of each patch's limb segment: rotation matrix of the mount in the torso frame (9
+    numbers), origin (3 numbers) [m] in the segment's link, length [m], side (+1 left, -1 right), and index of
+    the segment. Zeros for a patch that is on no limb segment.
     """
     on: Places
-    """Indices (p, 3) of the patch's link, of the link of its limb segment, and of its part's row in the
-    posture."""
+    """Indices (p, 3) for each patch: its link, the link of its limb segment, and the row of its part in a
+    table of the parts' angles."""
 
 
 class Estimates(NamedTuple):
     """Properties of each taxel (n,) that are estimated at run time."""
 
     offset: Single
-    """Rest value [counts], relative to the rest value in the description."""
+    """Rest value [counts] minus the rest value in the description. The sign is reversed if pressure decreases
+    the raw values."""
     threshold: Single
     """Deviation [counts] above which a taxel is active."""
     muted: NDArray[np.bool_]
@@ -94,41 +106,45 @@ class Estimates(NamedTuple):
     fluctuating: NDArray[np.bool_]
     """True for taxels with so much noise that their values never stay constant for long."""
     onset: Array
-    """Pressure [Pa] that corresponds to a deviation of two counts. A light touch begins at this pressure. The
-    value is infinite while the taxel's noise is unknown."""
+    """Least pressure [Pa] of a light touch: the pressure at a deviation of two counts. The value is infinite
+    while the taxel's noise is unknown."""
     hidden: Array
     """Pressure [Pa] below which the edge of a touch is not measured. The value is 0 for taxels on which a
     touch has no gradual edge, such as switches and the taxels of a palm or a sole."""
 
 
 class SkinMemory(NamedTuple):
-    """Statistics of the current estimation windows, and the data from which they are computed."""
+    """Data that conditioning keeps from frame to frame: statistics of the signals, filtered pressures and
+    active taxels."""
 
     statistics: Single
-    """Rows (6, n) with one value per taxel: the present signal [counts], the signal before it, and, since the
-    window began, the sum of signals, the largest deviation, the sum of absolute second differences, and the
-    number of changes."""
+    """Statistics (6, n) with a column for each taxel. The first two rows are the latest signal [counts] and
+    the signal before. The other rows refer to the estimation window: sum of the signals, largest absolute
+    deviation from the rest value, sum of the absolute second differences of the signal, and number of changes
+    of the signal."""
     blocks: Indices
-    """Four values (b, 4) for each block of up to 64 taxels: counts of repeated frames and of saturated
-    taxels, and two flags. `kernels.condition` explains the columns."""
+    """Table (b, 4) with a row for each block of up to 64 taxels: number of repeated frames that are not yet
+    in the statistics, 1 if another equal frame would only be counted, 1 if any taxel is active, and number of
+    saturated taxels."""
     patches: Array
-    """State (p, 9) of each patch's estimation window, such as its length and number of frames.
-    `kernels.condition` explains the columns."""
+    """State (p, 9) of each patch, for example the time of its latest frame and the length of its estimation
+    window. The constants from `STAMP` to `LEAST` in `kernels.condition` are the columns."""
     smoothed: Array
     """Filtered pressure (n,) [Pa] of the previous frame. The shape is (0,) if pressures are not filtered."""
     room: Single
-    """Work space for one number per taxel of a block."""
+    """Work space (64,) for one number per taxel of a block."""
     counts: Places
     """Number of active taxels (p,) of each patch."""
     active: Indices
-    """Active taxels (n,), as indices within their patch. The list of each patch begins at the place of the
-    patch's first taxel in the whole skin."""
+    """Active taxels of each patch, as indices within the patch. In this array (n,), the list of a patch
+    begins at the index of the patch's first taxel within the whole skin, and has the length `counts`."""
     pressure: Array
     """Pressures (n,) [Pa] of the active taxels, in the order of `active`."""
 
 
 class ActiveTaxels(NamedTuple):
-    """The arrays of a `SkinState` that the compiled loops need. `SkinState` describes them."""
+    """Active taxels of the whole skin and their pressures, in the form that the compiled loops need. The
+    fields are those of `SkinState`."""
 
     stamp: Array
     begin: Places
@@ -137,7 +153,8 @@ class ActiveTaxels(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Least forces [N] on taxels for a contact, see `ContactSettings`."""
+    """Least forces [N] for a contact: on each of its taxels (`floor`), and on at least one taxel (`touch`, or
+    `light` if the taxel is clearly above its noise)."""
 
     floor: float
     light: float
@@ -147,29 +164,30 @@ class Limits(NamedTuple):
 class Clusters(NamedTuple):
     """Clusters of neighbouring active taxels, patch by patch.
 
-    Clusters on one patch are ordered by their first taxels.
+    On each patch, clusters are ordered by the lowest index of their taxels.
     """
 
     force: Array
     """Scratch memory (n,) for the force on each taxel [N]. All its values are zero between two frames."""
     label: Indices
-    """Scratch memory (n,) for the cluster of each taxel. All its values are zero between two frames."""
+    """Scratch memory (n,) for the number of each taxel's cluster. All values are zero between two frames."""
     queue: Indices
-    """Scratch memory (n,) for the taxels of all clusters, in the order in which the search reaches them."""
+    """Scratch memory (n,) for lists of taxels during the search for clusters."""
     counts: Places
     """Number of clusters (p,) on each patch."""
     bound: Indices
-    """Index (n + 1,) in `member` of each cluster's first taxel. The entry after the last cluster is the
-    number of taxels in all clusters."""
+    """Place (n + 1,) in `member` at which each cluster begins. The entry after the last cluster is the number
+    of taxels in all clusters."""
     member: Indices
-    """Taxels (n,) of all clusters, as indices within the whole skin. Within each cluster the indices
-    increase."""
+    """Taxels (n,) of all clusters, cluster by cluster, as indices within the whole skin. Within each cluster
+    the indices increase."""
     member_force: Array
     """Force (n,) [N] on each taxel in `member`."""
 
 
 class ContactArrays(NamedTuple):
-    """The arrays of `Contacts`. `Contacts` describes their shapes and units."""
+    """Contacts of one frame, in the form that the compiled loops write. The class `Contacts` explains the
+    arrays, their shapes and units."""
 
     site: Places
     identity: Places
@@ -217,4 +235,4 @@ CONTACTS = record(
     ContactArrays, writes(1, int64), writes(1, int64), _C, _C, _C, _C, _C, _V, _V, _V, _V, _V, _C, _C, _V,
     writes(1, int64), writes(1, int64), _C, _V,
 )  # fmt: skip
-"""Numba types of the fields of the named tuples above. Arrays without a stated type contain `float64`."""
+"""Type of `ContactArrays` for Numba, field by field. Arrays without a stated type contain `float64`."""

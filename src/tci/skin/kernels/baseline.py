@@ -13,32 +13,34 @@ from tci.compiled import compiled, inlined, reads, record, writes
 from tci.frames import Array
 
 THRESHOLD, LEAST, FLUCTUATING, SHARE, LIVELY, TYPICAL, DRIFT, FLOOR, OWN, RELEASE, NOISE = range(11)
-"""Indices of the numbers (11,) that the kernel gets:
+"""Indices of the settings (11,) with which `update_baseline` updates rest values and noise after an
+estimation window:
 
-- `THRESHOLD` [standard deviations], `LEAST` [counts]: a taxel is quiet below the larger of these deviations.
-- `FLUCTUATING`: fraction of changed frames from which a taxel counts as noisy.
-- `SHARE`: least fraction of quiet taxels for an estimate of drift.
-- `LIVELY`: noise [counts] from which a healthy taxel never stays constant.
-- `TYPICAL`, `DRIFT`, `FLOOR` [counts]: typical noise before this window, largest drift during this window,
-  and lowest signal that the sensor can send.
-- `OWN`, `RELEASE`, `NOISE`: weights of this window in the rest value of a quiet taxel, in the rest value of a
-  taxel below rest, and in the noise."""
+- `THRESHOLD` [standard deviations of the noise], `LEAST` [counts]: a taxel is quiet if its largest deviation
+  is below the larger of these limits.
+- `FLUCTUATING`: a taxel whose value changes in at least this fraction of the frames fluctuates.
+- `SHARE`: least fraction of quiet taxels from which the common drift of all taxels is estimated.
+- `LIVELY`: noise [counts] from which a healthy taxel never stays constant for a whole window.
+- `TYPICAL`, `DRIFT`, `FLOOR` [counts]: typical noise of the patch before this window, largest common drift
+  during this window, and lowest signal that the sensor can send.
+- `OWN`, `RELEASE`, `NOISE`: weights (0 to 1) of this window in three estimates: the rest value of a quiet
+  taxel, the rest value of a taxel below rest, and the noise."""
 ROOM = 6
-"""Number of rows of the work space `room` (ROOM, n)."""
+"""Number of rows of the work space of `update_baseline`, which has one column per taxel."""
 BESIDE = 2.0
 """Value that marks a quiet taxel beside a touched taxel. Other quiet taxels are marked by 1, and all other
 taxels by 0."""
 NOISE_GAIN = float(np.sqrt(6.0) * np.sqrt(2.0 / np.pi))
-"""Mean absolute second difference of Gaussian noise with a standard deviation of 1. To estimate the standard
-deviation of a signal's noise, divide the mean absolute second difference of the signal by this number."""
+"""Ratio of the mean absolute second difference of a signal to the standard deviation of the signal's Gaussian
+noise."""
 
 
 class BaselineArrays(NamedTuple):
     """Estimates of the taxels (n,) of one patch."""
 
     offset: Array
-    """Rest value [counts] relative to the rest value in the description. If pressure decreases the sensor's
-    raw values, the sign of this number is reversed."""
+    """Rest value [counts] minus the rest value in the description. The sign is reversed if pressure decreases
+    the raw values."""
     noise: Array
     """Standard deviation [counts] of the noise."""
     threshold: Array
@@ -46,14 +48,13 @@ class BaselineArrays(NamedTuple):
     initialised: NDArray[np.bool_]
     """True for taxels with an estimate of their noise."""
     rested: NDArray[np.bool_]
-    """True for taxels that have been at rest in at least one estimation window, at the end of which the
-    estimates are updated."""
+    """True for taxels that have been at rest during at least one estimation window."""
     frozen: NDArray[np.bool_]
-    """True for taxels that fluctuate at rest but were constant in the latest window. Windows of these taxels
-    are not used for estimates."""
+    """True for taxels that fluctuate at rest but were constant in the latest estimation window. Windows of
+    these taxels are not used for estimates."""
     followed: Array
-    """Change [counts] of the rest value in the latest window, minus the drift that all taxels have in
-    common."""
+    """Change [counts] of the rest value in the latest estimation window, without the drift that all taxels
+    have in common."""
 
 
 class Window(NamedTuple):
@@ -66,15 +67,15 @@ class Window(NamedTuple):
     peak: Array
     """Largest deviation [counts] from the rest value."""
     second_difference: Array
-    """Mean absolute second difference [counts] of the signal. Slow changes, for example a touch, hardly
-    affect this value."""
+    """Mean absolute second difference [counts] of the signal, from which noise is estimated. Slow changes,
+    for example a touch, hardly affect this value."""
     changes: Array
     """Fraction (n,) of the frames in which the taxel's value differs from its value in the frame before."""
 
 
 @inlined
 def median(values: Array) -> float:
-    """Returns the median of finite numbers (n,), n > 0, and changes their order (Hoare's selection)."""
+    """Returns the median of finite numbers (n,), n > 0. The call changes the order of `values`."""
     upper, odd = divmod(len(values), 2)
     first, last = 0, len(values) - 1
     while first < last:
@@ -101,9 +102,10 @@ def median(values: Array) -> float:
 
 @inlined
 def _typical(estimates: BaselineArrays, room: Array) -> float:
-    """Returns the median noise of the taxels that have been at rest.
+    """Returns the median noise [counts] of the taxels that have been at rest, or of all taxels if none has
+    been at rest.
 
-    If no taxel has been at rest, returns the median noise of all taxels.
+    `room` (n,) is work space.
     """
     found, any_rested = 0, False
     for i in range(len(room)):
@@ -129,13 +131,13 @@ def update_baseline(
     estimates: BaselineArrays, window: Window, healthy: NDArray[np.bool_],
     neighbours: NDArray[np.int64], numbers: Array, afresh: bool, room: Array,
 ) -> float:  # fmt: skip
-    """Updates the `estimates` from one window of the `healthy` taxels (n,).
+    """Updates rest values, noise and thresholds of the taxels of one patch from one estimation window.
 
-    Returns the patch's typical noise [counts]. `neighbours` (m, 2) are pairs of neighbouring taxels. With
-    `afresh`, the rest values of quiet taxels become the window's mean. If a taxel that fluctuates at rest was
-    constant for a whole window, the last change of its rest value is undone, since the taxel may have frozen
-    during the window before. `numbers` (11,) are settings, with the indices `THRESHOLD` to `NOISE`; `room`
-    (6, n) is work space.
+    Returns the patch's typical noise [counts]. `healthy` (n,) is False for masked taxels. `neighbours` (m, 2)
+    are pairs of neighbouring taxels. With `afresh`, the rest values of quiet taxels become the means of the
+    window. If a taxel has stopped fluctuating, the last change of its rest value is undone, since the taxel
+    may have failed before this change. `numbers` (11,) are settings, in the order of the constants from
+    `THRESHOLD` to `NOISE`. `room` (6, n) is work space.
     """
     offset, noise, mean = estimates.offset, estimates.noise, window.mean
     deviation, present, ordered, quiet, touched, taught = room[0], room[1], room[2], room[3], room[4], room[5]

@@ -40,42 +40,41 @@ from tci.skin.kernels.arrays import (
 )
 
 SIGNAL, BEFORE, TOTAL, PEAK, SECOND_DIFFERENCE, CHANGES = range(6)
-"""Rows of `SkinMemory.statistics`.
+"""Rows of `SkinMemory.statistics`, with a column for each taxel.
 
-The first two rows are the present signal [counts] and the signal before it. The others are computed since the
-window began: the sum of signals, the largest absolute deviation from the estimated rest value, the sum of the
-signal's absolute second differences, and the number of the signal's changes."""
+The first two rows are the latest signal [counts] and the signal before. The other rows refer to the
+estimation window: sum of the signals, largest absolute deviation from the rest value, sum of the absolute
+second differences of the signal, and number of changes of the signal."""
 REPEATS, REPEATED, LIVE, SATURATED = range(4)
-"""Columns of `SkinMemory.blocks`, with a row for each block of 64 taxels:
+"""Columns of `SkinMemory.blocks`, with a row for each block of up to 64 taxels:
 
-- `REPEATS`: number of repeated frames that are not yet added to the statistics.
+- `REPEATS`: number of frames equal to the previous frame that are not yet added to the statistics.
 - `REPEATED`: 1 if another equal frame would only be counted in `REPEATS`, else 0.
-- `LIVE`: 1 if any taxel is active.
-- `SATURATED`: number of saturated taxels."""
+- `LIVE`: 1 if any taxel of the block is active, else 0.
+- `SATURATED`: number of taxels of the block at the end of the sensor's range."""
 STAMP, ELAPSED, FRAMES, IN_WINDOW, DIFFERENCES, DROPPED, CONSTANT, DUE, LEAST = range(9)
-"""Columns of `SkinMemory.patches`:
+"""Columns of `SkinMemory.patches`, with a row for each patch:
 
-- `STAMP`, `ELAPSED`: time [s] of the latest frame, and time [s] since the window began.
-- `FRAMES`: 0 before the first frame, 1 after it, 2 after all later frames.
-- `IN_WINDOW`, `DIFFERENCES`: numbers of frames and of second differences in the window.
-- `DROPPED`: number of values dropped so far.
-- `CONSTANT`: number of successive frames that equal the frame before in all values. They are counted, but not
-  yet added to the statistics. The mark -1 means that the next frame must be processed even if it is equal.
-- `DUE`, `LEAST`: length [s] of the window, and its least number of frames."""
+- `STAMP`, `ELAPSED`: time [s] of the latest frame, and time [s] since the estimation window began.
+- `FRAMES`: number of frames so far, counted up to 2.
+- `IN_WINDOW`, `DIFFERENCES`: number of frames, and of second differences of the signals, in the window.
+- `DROPPED`: number of values so far that were outside the sensor's range.
+- `CONSTANT`: number of latest frames that equal the frame before and are not yet added to the statistics. The
+  value is -1 if the next frame must be processed even if it is equal.
+- `DUE`, `LEAST`: least length [s] and least number of frames of the window, which ends as soon as both are
+  reached."""
 ROWS, BLOCK_COLUMNS, PATCH_COLUMNS = 6, 4, 9
 GAP = 1.0
-"""If more than this time [s] has passed since the previous frame, only this time is added to the length of
-the estimation window. Assumed: during a longer pause the patch was not observed."""
+"""Largest time [s] between two frames that is added to the length of an estimation window. Assumed: during a
+longer pause the patch was not observed."""
 _STEP, _FEW = 256, 8
-"""Numbers of values that are examined at once: _STEP in the comparison of two frames, _FEW in the search for
-active taxels."""
+"""Numbers of values that are examined at once, in the comparison of two frames (`_STEP`) and in the search
+for active taxels (`_FEW`)."""
 
 
 @inlined
 def _same(raw: NDArray[Any], last: NDArray[Any], begin: int, end: int) -> bool:
-    """Returns True if two frames have equal values from `begin` to `end` - 1.
-
-    The frames are compared slice by slice, so that the processor compares many values at once."""
+    """Returns True if two raw frames have equal values in the channels from `begin` to `end` - 1."""
     for first in range(begin, end, _STEP):
         a, b = raw[first : min(first + _STEP, end)], last[first : min(first + _STEP, end)]
         differs = False
@@ -88,8 +87,9 @@ def _same(raw: NDArray[Any], last: NDArray[Any], begin: int, end: int) -> bool:
 
 @inlined
 def _gather(raw: NDArray[Any], layout: LayoutArrays, block: int, begin: int, values: Single) -> None:
-    """Copies the raw values of the taxels of one `block` from the frame `raw` into `values`. `begin` is the
-    index of the block's first taxel within the whole skin."""
+    """Copies the raw values of one block of up to 64 taxels from the frame `raw` into `values`, in the order
+    of the taxels. `block` is the index of the block, and `begin` the index of the block's first taxel, both
+    within the whole skin."""
     if layout.span[block, STRAIGHT]:
         own = raw[layout.span[block, FIRST] : layout.span[block, END]]
         for i in range(len(values)):
@@ -104,11 +104,11 @@ def _gather(raw: NDArray[Any], layout: LayoutArrays, block: int, begin: int, val
 def _note(
     values: Single, sensor: Single, estimates: Estimates, statistics: Single, begin: int, frames: int
 ) -> tuple[int, int, int]:
-    """Updates the statistics of one block of taxels with the raw values of one or more equal frames.
+    """Updates the statistics of successive taxels, of which `begin` is the first, with new raw values (k,).
 
-    The loop has no branches, so that the processor can compute eight taxels at once. Returns the number of
-    values outside the valid range, which count as rest values; the number of saturated taxels; and 1 if any
-    taxel is active, otherwise 0.
+    `sensor` (5,) is the patch's row of `LayoutArrays.sensor`. `frames` is the number of earlier frames, at
+    most 2. Returns the number of values outside the sensor's range, which count as rest values; the number of
+    saturated taxels; and 1 if any taxel is active, otherwise 0.
     """
     end = begin + len(values)
     signals, befores, totals = (
@@ -148,10 +148,10 @@ def _note(
 
 @inlined
 def _response(counts: float, nodes: Array, first: int, end: int) -> float:
-    """Returns the pressure [Pa] at a deviation of `counts`, by linear interpolation between the nodes from
-    `first` to `end` - 1.
+    """Returns the pressure [Pa] at a deviation of `counts` on a response curve.
 
-    Beyond the last node the pressure is extrapolated linearly.
+    The points of the curve are the columns from `first` to `end` - 1 of `nodes`, with deviation [counts] and
+    pressure [Pa]. The curve is linear between these points and beyond the last point.
     """
     k = first + 1
     while k < end - 1 and counts > nodes[0, k]:
@@ -163,10 +163,9 @@ def _response(counts: float, nodes: Array, first: int, end: int) -> float:
 
 @inlined
 def _deviate(begin: int, estimates: Estimates, statistics: Single, found: Single) -> None:
-    """Writes the deviation [counts] of each taxel of a block into `found`, or 0 if the taxel is not active.
+    """Writes the deviations [counts] of successive taxels, of which `begin` is the first, into `found`.
 
-    The block begins at the taxel `begin`. The loop has no branches, so that the processor can compute several
-    taxels at once.
+    The deviation of a taxel that is not active is written as 0.
     """
     end, nothing = begin + len(found), np.float32(0.0)
     signals, offsets = statistics[SIGNAL, begin:end], estimates.offset[begin:end]
@@ -187,7 +186,8 @@ def _is_zero(values: Single) -> bool:
 
 @inlined
 def _pressure(deviation: float, i: int, p: int, layout: LayoutArrays) -> float:
-    """Returns the pressure [Pa] on taxel `i` of patch `p` with a `deviation` [counts]."""
+    """Returns the pressure [Pa] on a taxel of patch `p` with the given `deviation` [counts]. `i` is the index
+    of the taxel within the whole skin."""
     counts, first, end = np.float64(deviation), layout.begin[p, NODE], layout.begin[p + 1, NODE]
     if first < end:
         counts = _response(counts, layout.nodes, first, end)
@@ -199,9 +199,10 @@ def _pressure(deviation: float, i: int, p: int, layout: LayoutArrays) -> float:
 def _list_active(
     p: int, share: float, layout: LayoutArrays, estimates: Estimates, memory: SkinMemory
 ) -> None:
-    """Lists the active taxels of a patch.
+    """Writes the active taxels of patch `p` and their pressures [Pa] into `memory`.
 
-    With `share` < 1 the pressure is low-pass filtered: `share` is the weight of the new frame.
+    `share` is the weight (0 to 1) of the new frame in a low-pass filter of the pressure. With 1 the pressure
+    is not filtered.
     """
     begin, stop = layout.begin[p, TAXEL], layout.begin[p + 1, TAXEL]
     smoothing, place = len(memory.smoothed) > 0, begin
@@ -238,7 +239,8 @@ def _take(
     estimates: Estimates,
     memory: SkinMemory,
 ) -> None:
-    """Adds one new frame of patch `p` to the statistics."""
+    """Updates the statistics in `memory` with one new frame of patch `p`, and copies the new raw values from
+    `raw` to `last`."""
     status, statistics, blocks = memory.patches[p], memory.statistics, memory.blocks
     first, end = layout.begin[p, CHANNEL], layout.begin[p + 1, CHANNEL]
     begin, stop = layout.begin[p, TAXEL], layout.begin[p + 1, TAXEL]
@@ -291,14 +293,14 @@ def condition(
     memory: SkinMemory,
     out: ActiveTaxels,
 ) -> int:
-    """Turns new raw frames of the patches `which` (k,) into active taxels and their pressure [Pa].
+    """Turns new raw frames of the patches `which` (k,) into active taxels and their pressure [Pa], which are
+    written to `out`.
 
-    If the raw values of a block of 64 taxels equal those of the previous frame, the block is not computed
-    again: only the number of such frames is counted. The sums of the block are updated later, when its values
-    change or the estimation window ends. The result equals that of adding each frame to the sums immediately.
-    `raw` (c,) contains all channels. `last` (c,) are the raw values of the previous frame. `stamps` (k,) [s]
-    are the times of the frames. `latency` [s] is the time constant of the low-pass filter. Returns the number
-    of patches whose estimation window has ended.
+    `raw` (c,) are the present raw values of all channels. `last` (c,) are those of the previous frame; the
+    call replaces them by the new values. `stamps` (k,) [s] are the times of the frames. `latency` [s] is the
+    time constant of a low-pass filter, or 0 for no filter. The call also updates the statistics in `memory`,
+    from which rest values and noise are estimated at the end of each estimation window. Returns the number of
+    patches whose window has ended.
     """
     ended = 0
     for k in range(len(which)):

@@ -33,10 +33,12 @@ from tci.skin.kernels.arrays import (
 from tci.skin.kernels.nearest import nearest
 
 FORCE, PEAK, AREA_SUM, U, THETA, Y, Z, POINT, NORMAL, SUMMARY = 0, 1, 2, 3, 4, 5, 6, 7, 10, 13
-"""Columns of the summary of a contact. `SUMMARY` is the number of columns."""
+"""Columns of a table with a row for each contact: force, largest force on a taxel, area, place on the generic
+limb (u, theta, y, z), and point on the surface and normal (3 columns each). `SUMMARY` is the number of
+columns."""
 NARROW = 0.5
-"""Smallest width of a touch [distances of neighbouring taxels] in the computation of the fill factor. On a
-narrower touch, too few taxels respond to measure the width, and this width is used instead. Assumed: on skins
+"""Least width of a touch, in distances of neighbouring taxels, for the computation of the fill factor. A
+narrower touch presses too few taxels to measure the width, and this width is used instead. Assumed: on skins
 with distances of 6 to 10 mm between taxels, touches of 3 to 5 mm width then get about the right width."""
 LEAST_FILL = 0.15
 """Least fill factor by which forces are divided. A smaller factor is replaced by this value. Assumed: on
@@ -51,7 +53,8 @@ _NONE, _ONE = np.uint64(0), np.uint64(1)
 
 @inlined
 def _deal(found: int, clusters: Clusters, count: int) -> None:
-    """Sorts the first `found` taxels of `clusters.queue` by cluster, and sets their labels to zero."""
+    """Writes the taxels of all clusters into `clusters.member`, and the forces on them into
+    `clusters.member_force`, cluster by cluster. Sets the labels of the taxels to zero."""
     label, bound, member = clusters.label, clusters.bound, clusters.member
     for place in range(np.uint64(found)):
         taxel = np.uint64(clusters.queue[place])
@@ -73,10 +76,11 @@ def _grow(
     seed: int, limits: Limits, number: int, onset: Array, layout: LayoutArrays,
     clusters: Clusters,
 ) -> tuple[int, bool]:  # fmt: skip
-    """Labels the taxel `seed`, and all active taxels that a chain of active neighbours connects with it.
+    """Gives the label `number` to the taxel `seed`, and to all pressed taxels that a chain of pressed
+    neighbours connects with this taxel.
 
-    Returns the number of labelled taxels, and True if their forces are large enough for a contact (see
-    `cluster`).
+    Returns the number of labelled taxels, and True if at least one of them is pressed strongly enough for a
+    contact.
     """
     force, label, queue, graph = clusters.force, clusters.label, clusters.queue, layout.graph
     done, size = _NONE, _ONE
@@ -98,11 +102,11 @@ def _grow(
 def cluster(
     state: ActiveTaxels, limits: Limits, onset: Array, layout: LayoutArrays, clusters: Clusters
 ) -> tuple[int, int, int]:
-    """Finds clusters of neighbouring active taxels. Two active neighbours are always in one cluster (single
-    linkage).
+    """Finds clusters of neighbouring active taxels, and writes them to `clusters`. Two active neighbours are
+    always in one cluster (single linkage).
 
-    On each taxel the force must be at least `limits.floor`. In each cluster, one taxel must have a force of
-    at least `limits.touch`. A force of at least `limits.light` is enough if the taxel's pressure is at least
+    Only taxels with a force of at least `limits.floor` [N] are used. In each cluster, one taxel must have a
+    force of at least `limits.touch` [N], or a force of at least `limits.light` [N] and a pressure of at least
     `onset` (n,) [Pa]. Returns the number of clusters, the number of their taxels, and the number of clusters
     of a single taxel.
     """
@@ -149,8 +153,8 @@ def cluster(
 def _on_limb(
     T_SL: tuple[Row, Row, Row], x: float, y: float, z: float, length: float, side: float
 ) -> tuple[float, float, float]:
-    """Projects a point (x, y, z) [m] in the link's frame to the surface of the generic limb. Returns the
-    coordinates (u, y, z) there, in limb lengths (eqs 4, 6).
+    """Projects a point (x, y, z) [m] in the frame of a patch's link to the surface of the generic limb, and
+    returns its coordinates (u, y, z) there, in limb lengths (eqs 4, 6).
 
     All three are NaN if the patch is on no limb.
     """
@@ -168,11 +172,10 @@ def _on_limb(
 
 @inlined
 def _fill(taxels: Indices, forces: Array, layout: LayoutArrays) -> float:
-    """Returns the mean fill factor of `taxels` (k,), weighted by `forces` (k,) [N], for the width of the
-    touch.
+    """Returns the fraction of a touch's force that the pressed taxels measure: the mean fill factor.
 
-    The width is computed from the mean square distance of the taxels from the centre of force, weighted by
-    force. For a round touch it is the standard deviation of a Gaussian.
+    `forces` (k,) [N] are the forces on the pressed taxels `taxels` (k,). The result is at least 0.15
+    (`LEAST_FILL`).
     """
     places, fill = layout.taxel, layout.fill
     total, area, x, y, z, square = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -197,7 +200,7 @@ def _fill(taxels: Indices, forces: Array, layout: LayoutArrays) -> float:
 def fill_around(taxels: Indices, forces: Array, layout: LayoutArrays) -> float:
     """Returns the fraction of a touch's force that `taxels` (k,) measure: the fill factor around the touch.
 
-    `taxels` are indices within the whole skin.
+    `taxels` are indices within the whole skin, and `forces` (k,) the forces on these taxels, in any unit.
     """
     return _fill(taxels, forces, layout)
 
@@ -207,8 +210,8 @@ def _summarise(
     c: int, p: int, T_SL: tuple[Row, Row, Row], hidden: Array, layout: LayoutArrays, clusters: Clusters,
     row: Array,
 ) -> None:  # fmt: skip
-    """Writes the force, largest force on a taxel, area, position and normal of cluster `c` on patch `p` into
-    `row` (13,)."""
+    """Writes force, largest force on a taxel, area, place on the limb, position and normal of the contact
+    that belongs to cluster `c` on patch `p` into `row` (13,)."""
     taxels = layout.taxel
     total, peak, area, pressure, edge = 0.0, 0.0, 0.0, 0.0, 0.0
     mean_x, mean_y, mean_z = 0.0, 0.0, 0.0
@@ -235,9 +238,10 @@ def _summarise(
 
 @inlined
 def _precedes(one: Array, other: Array) -> bool:
-    """Returns True if contact `one` is stronger than contact `other`.
+    """Returns True if contact `one` is stronger than contact `other`, or equally strong and nearer to the
+    proximal end of the limb.
 
-    If both are equally strong, returns True if `one` is nearer to the proximal end of the limb.
+    Each argument is a row (13,) with force, position and other data of one contact.
     """
     for column, sign in ((FORCE, -1.0), (U, 1.0), (THETA, 1.0)):
         a, b = sign * one[column], sign * other[column]
@@ -256,7 +260,8 @@ def _write(
     layout: LayoutArrays,
     out: ContactArrays,
 ) -> None:
-    """Writes the data of contact `c` of patch `p`, except for its taxels."""
+    """Writes the data of one contact of patch `p`, except for its taxels, to index `c` of the arrays in
+    `out`. `row` (13,) contains the contact in the frame of the link."""
     out.site[c], out.force[c], out.peak[c], out.area[c] = p, row[FORCE], row[PEAK], row[AREA_SUM]
     out.u[c], out.theta[c] = row[U], row[THETA]
     out.limb_point[c, 0], out.limb_point[c, 1], out.limb_point[c, 2] = row[U], row[Y], row[Z]
@@ -276,7 +281,8 @@ def _write_taxels(
     c: int, p: int, found: int, T_SL: tuple[Row, Row, Row], layout: LayoutArrays, clusters: Clusters,
     out: ContactArrays,
 ) -> None:  # fmt: skip
-    """Writes the taxels of contact `c`. `found` is the number of the contact's cluster."""
+    """Writes the taxels of contact `c` into `out`: index within the patch `p`, force [N] and place on the
+    generic limb. `found` is the index of the contact's cluster in `clusters`."""
     to, begin, taxels = out.begin[c], layout.begin[p, TAXEL], layout.taxel
     length, side = layout.limb[p, 12], layout.limb[p, 13]
     for place in range(clusters.bound[found], clusters.bound[found + 1]):
@@ -293,14 +299,14 @@ def describe(
     layout: LayoutArrays, hidden: Array, clusters: Clusters, poses: Array, posture: Array, summary: Array,
     out: ContactArrays,
 ) -> None:  # fmt: skip
-    """Writes the contact of each cluster (eqs 3-4, 6-7). On each patch the strongest contact is first.
+    """Computes the contact of each cluster (eqs 3-4, 6-7) and writes it to `out`. On each patch the strongest
+    contact is first.
 
     A contact consists of its force, its centre of pressure on the surface, the normal at this centre, and its
-    place on the generic limb. The force is corrected for the edge of the touch, where the pressure is below
-    `hidden` (n,) [Pa] and so not measured. If the pressure of a round touch is a Gaussian of any width, this
-    edge carries a fraction of the force: `hidden` divided by the largest pressure. `poses` (l, 4, 4) are the
-    poses of the links in the torso frame. `posture` (parts, 4) [rad] are the generic angles of the limbs.
-    `summary` (c, SUMMARY) is work space.
+    place on the generic limb. The force includes an estimate for the edge of the touch, where the pressure is
+    below `hidden` (n,) [Pa] and so not measured. `poses` (l, 4, 4) are the poses of the links in the torso
+    frame. `posture` (parts, 4) [rad] are the first four generic angles of each limb. `summary` (c, 13) is
+    work space.
     """
     c, order = 0, out.identity
     out.begin[0] = 0

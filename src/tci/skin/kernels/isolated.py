@@ -22,26 +22,26 @@ from tci.skin.kernels.arrays import (
 )
 
 PLACE, SINCE, FORCE, CHANGED, LAST, WAITING = range(6)
-"""Columns of `waiting`, a table with one row per isolated taxel (active without active neighbours). `WAITING`
-is the number of columns.
+"""Columns of `waiting`, a table with a row for each isolated taxel (a pressed taxel without pressed
+neighbours). `WAITING` is the number of columns.
 
 - `PLACE`: index of the taxel within the whole skin.
 - `SINCE`: time [s] at which the taxel became active alone.
-- `FORCE`, `CHANGED`: its force [N], and how often this force has changed since then.
+- `FORCE`, `CHANGED`: force [N] on the taxel, and how often this force has changed since the time `SINCE`.
 - `LAST`: 1 if the taxel is the last pressed taxel of a contact whose other taxels have been released;
   otherwise 0."""
 ALIVE = 2
-"""Least number of changes of an isolated taxel's force after which the taxel counts as healthy. One change is
-not enough, since a new estimate of the rest value can cause it."""
+"""Least number of changes of the force on an isolated taxel (pressed without its neighbours) after which the
+taxel counts as healthy. One change is not enough, since a new estimate of the rest value can cause it."""
 SURROUNDED = 2
-"""Least number of trusted neighbours within reach of a taxel on a dense skin. A taxel with fewer neighbours
-is on a sparse skin, where every touch presses a single taxel."""
+"""Least number of trusted neighbours of a taxel on a dense skin. A taxel with fewer neighbours nearby is on a
+sparse skin, where every touch presses a single taxel."""
 
 
 @inlined
 def _has_neighbours(taxel: int, layout: LayoutArrays, least: Array, reach: float) -> bool:
-    """Returns True if a taxel has at least two (`SURROUNDED`) trusted neighbours within `reach` [m]. A
-    neighbour is trusted if its value in `least` is finite."""
+    """Returns True if a taxel has at least two trusted neighbours within `reach` [m]. `least` (n,) is
+    infinite for taxels that are not trusted."""
     taxels, graph = layout.taxel, layout.graph
     x, y, z = taxels[taxel, 0], taxels[taxel, 1], taxels[taxel, 2]
     found = 0
@@ -75,9 +75,10 @@ def _is_beside(
 
 @inlined
 def _was_touched(taxel: int, before: Places) -> bool:
-    """Returns True if a taxel was part of a contact in the previous frame.
+    """Returns True if `taxel` is one of the taxels `before` (k,), which were part of a contact in the
+    previous frame.
 
-    `taxel` is the taxel's index within the whole skin.
+    All taxels are given as indices within the whole skin.
     """
     touched = False
     for k in range(len(before)):
@@ -87,10 +88,9 @@ def _was_touched(taxel: int, before: Places) -> bool:
 
 @inlined
 def _wait_on(place: int, stamp: float, force: float, waiting: Array, now: Array) -> bool:
-    """Writes the data of one isolated taxel into `now` (5,). The next frame reads this row as part of its
-    `waiting`.
+    """Writes the history of an isolated taxel, which is pressed without its neighbours, into `now` (5,).
 
-    Returns False if the taxel has just become active.
+    `waiting` (w, 5) are the histories in the previous frame. Returns False if they do not contain the taxel.
     """
     now[PLACE], now[SINCE], now[FORCE], now[CHANGED], now[LAST] = place, stamp, force, 0.0, 0.0
     for w in range(len(waiting)):
@@ -128,18 +128,18 @@ def reject_isolated(
     waiting: Array,
     fresh: Array,
 ) -> tuple[int, int, int]:
-    """Removes clusters of a single taxel that are not a touch, see `IsolatedSettings`.
+    """Removes clusters of a single taxel that do not count as a touch, under the conditions of
+    `IsolatedSettings`.
 
-    The first row of `rules` (2, p) is the time [s] for which an isolated taxel of each patch must be pressed.
-    With a time of 0, all isolated taxels of the patch are kept. The second row is the pressure at the end of
-    the sensor's range, without the taxels' gains. A taxel with at least this pressure, or with so much noise
-    that its value should not stay constant, must also have changed its value at least `ALIVE` times while it
-    was pressed. `reach` [m] is the distance within which a touch presses several taxels of a dense skin. A
-    taxel belongs to a contact only if the force on it is at least `floor` [N]. `before` (k,) are the taxels
-    of all contacts in the previous frame, as indices within the whole skin. `waiting` (w, WAITING) are the
-    isolated taxels in the previous frame. Returns the number of remaining clusters, the number of their
-    taxels, and the number of rows written to `fresh` (m, WAITING). Pass these rows as `waiting` for the next
-    frame.
+    The first row of `rules` (2, p) is the time [s] for which an isolated taxel (pressed without its
+    neighbours) of each patch must be pressed; with 0, all isolated taxels of the patch are kept. The second
+    row is the pressure at the end of the sensor's range, without the taxels' gains. A taxel with at least
+    this pressure, or with so much noise that its value should not stay constant, must also have changed its
+    value at least twice (`ALIVE`) while it was pressed. `reach` [m] is the largest distance between two
+    pressed taxels that may belong to one touch. `floor` [N] is the least force on a taxel of a contact.
+    `before` (k,) are the taxels of all contacts in the previous frame, as indices within the whole skin.
+    `waiting` (w, 5) are the rows that the call for the previous frame wrote to `fresh` (m, 5). Returns the
+    number of remaining clusters, the number of their taxels, and the number of rows written to `fresh`.
     """
     waits, kept, filled, c, begin = 0, 0, 0, 0, 0
     bound, member, forces = clusters.bound, clusters.member, clusters.member_force

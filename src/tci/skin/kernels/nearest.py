@@ -12,11 +12,11 @@ from tci.skin.kernels.arrays import CELL, TAXEL, LayoutArrays
 
 @inlined
 def nearest(point: Vector, p: int, layout: LayoutArrays, p_L: Array, n_L: Array) -> None:
-    """Writes the point `p_L` (3,) [m] of the surface of patch `p` that is nearest to `point` [m].
+    """Finds the point of the surface of patch `p` that is nearest to `point` [m]. Writes this point into
+    `p_L` (3,) [m], and the normal there into `n_L` (3,).
 
-    `n_L` (3,) is the normal at `p_L`. The result equals the result of `Surface.project`. For a surface
-    without faces, `p_L` is the nearest taxel. Cells around the point are searched in shells of increasing
-    distance, until the nearest face found so far is nearer than the next shell.
+    All coordinates are in the frame of the patch's link. For a surface without faces, the result is the
+    nearest taxel. The result equals the result of `Surface.project`.
     """
     best = np.inf
     box, taxels, faces, cells = layout.box[p], layout.taxel, layout.faces, layout.cells
@@ -64,11 +64,11 @@ def nearest(point: Vector, p: int, layout: LayoutArrays, p_L: Array, n_L: Array)
 def _closer(
     point: Vector, taxels: Array, a: int, b: int, c: int, best: float, p_L: Array, n_L: Array
 ) -> float:
-    """Writes the point of a face that is nearest to `point`, and the normal there, if the squared distance
-    between these points is less than `best` [m2]. The corners of the face are the taxels `a`, `b` and `c`.
+    """Finds the point of one triangle that is nearest to `point` [m]. If the squared distance is less than
+    `best` [m2], writes this point into `p_L` and the normal there into `n_L`. The corners are the taxels `a`,
+    `b` and `c`; each row of `taxels` begins with position and normal.
 
-    The normal is not normalised. Returns the least squared distance [m2] so far. Coordinates are separate
-    variables, because array slices would take longer than the arithmetic.
+    The length of the normal is not 1. Returns the smaller one of the squared distance and `best` [m2].
     """
     ax, ay, az = taxels[a, 0], taxels[a, 1], taxels[a, 2]
     ux, uy, uz = taxels[b, 0] - ax, taxels[b, 1] - ay, taxels[b, 2] - az
@@ -90,11 +90,11 @@ def _closer(
 
 @inlined
 def _corner_weights(uu: float, uv: float, vv: float, wu: float, wv: float) -> tuple[float, float]:
-    """Returns the weights of two corners for the point of a triangle nearest to a given point.
+    """Returns the weights of the second and the third corner for the point of a triangle that is nearest to a
+    given point (Ericson 2004, 5.1.5).
 
-    The corners are the second and the third. The method is that of Ericson 2004, 5.1.5. The arguments are dot
-    products of three vectors: the edges u and v from the first corner, and w from the first corner to the
-    given point.
+    The arguments are dot products of three vectors from the first corner: u to the second corner, v to the
+    third corner, and w to the given point.
     """
     if wu <= 0.0 and wv <= 0.0:
         return 0.0, 0.0

@@ -13,9 +13,9 @@ from tci.frames import Array
 from tci.skin.kernels.arrays import CONTACTS, ContactArrays
 
 PATCH, IDENTITY, BEGAN, SEEN, ORIGIN, PLACE, TRACK = 0, 1, 2, 3, 4, 7, 10
-"""Columns of a track, which is the history of one contact: patch, identity of the contact, onset [s], time
-[s] of the latest frame with the contact, place at onset (3,) [m], present place (3,) [m]. `TRACK` is the
-number of columns."""
+"""Columns of a table with a row for each track, which is the history of one contact: index of the patch,
+identity of the contact, onset [s], time [s] of the latest frame with the contact, place [m] at onset (3
+columns), and present place [m] (3 columns). `TRACK` is the number of columns."""
 _FREE = -1
 
 
@@ -38,11 +38,11 @@ def _is_taken(track: int, best: Array, begin: int, end: int) -> bool:
 def _find_nearest(
     c: int, tracks: Array, known: int, reach: float, out: ContactArrays, best: Array, begin: int, end: int
 ) -> None:
-    """Finds the nearest track to contact `c`, among the tracks of the patch that have no contact in this
-    frame yet.
+    """Finds the nearest track (history of an earlier contact) to contact `c`, among the tracks of the patch
+    that have no contact in this frame yet.
 
     Writes the track's index, and its distance [m] from the contact, into columns 1 and 2 of `best[c]`: -1 and
-    infinity if there is no such track. Tracks farther than `reach` [m] are ignored.
+    infinity if there is no such track within `reach` [m].
     """
     best[c, 1], best[c, 2] = _FREE, np.inf
     for i in range(known):
@@ -56,9 +56,11 @@ def _find_nearest(
 def _assign(
     tracks: Array, known: int, reach: float, out: ContactArrays, best: Array, begin: int, end: int
 ) -> None:
-    """Assigns the contacts of one patch (indices from `begin` to `end` - 1) to the patch's tracks.
+    """Assigns the contacts of one patch (indices from `begin` to `end` - 1) to the patch's tracks (histories
+    of earlier contacts), the nearest pair first.
 
-    Of all pairs of a contact and a track, the pair with the smallest distance is assigned first.
+    The result is in `best`: column 0 is 1 for a contact with a track, otherwise 0, and column 1 is the index
+    of this track in `tracks`.
     """
     for c in range(begin, end):
         best[c, 0] = 0.0
@@ -79,10 +81,10 @@ def _assign(
 
 @inlined
 def _first_new(out: ContactArrays, best: Array, begin: int, end: int) -> int:
-    """Returns the contact that gets the next new identity: of the contacts without a track, the contact whose
-    first taxel has the lowest index.
+    """Returns the index of the contact that gets the next new identity: of the contacts from `begin` to `end`
+    - 1 that continue no earlier contact, the contact whose first taxel has the lowest index.
 
-    Returns -1 if all contacts have tracks.
+    Returns -1 if there is no such contact.
     """
     first = -1
     for c in range(begin, end):
@@ -102,14 +104,14 @@ def track(
     best: Array,
     out: ContactArrays,
 ) -> tuple[int, int]:
-    """Writes identity, onset and displacement of each contact.
+    """Writes identity, onset and displacement of each contact into `out`.
 
-    Contacts of a patch are matched with tracks of the patch that were seen within the last `linger` [s]. Of
-    all pairs with a distance of at most `reach` [m], the nearest pair is matched first. Contacts without a
-    match are new and are numbered from `fresh` on. `old` (t, TRACK) are the t previous tracks, with TRACK
-    numbers each. `stamps` (p,) [s] are the times of the patches' frames. The new tracks are written to
-    `tracks` (t + c, TRACK). `best` (c, 3) is work space. Returns the next free identity and the number of
-    rows in use in `tracks`.
+    A contact gets the identity of the nearest track (history of an earlier contact) of its patch, if the
+    distance is at most `reach` [m]; the nearest pairs are matched first. Tracks of a touched patch are used
+    only if they were seen within the last `linger` [s]. Other contacts are new and are numbered from `fresh`
+    on. `old` (t, 10) are the previous tracks, and `stamps` (p,) [s] the times of the patches' frames. The new
+    tracks are written to `tracks` (t + c, 10). `best` (c, 3) is work space. Returns the next free identity
+    and the number of rows in use in `tracks`.
     """
     used, contacts, begin = 0, len(out.site), 0
     for i in range(len(old)):  # tracks of patches without contacts wait for the next one

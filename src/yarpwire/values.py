@@ -1,7 +1,8 @@
 """Values of a Bottle: Python types, and small subclasses for further types of YARP.
 
-An int is sent as int32 or int64, depending on its size. A float is sent as float64, bytes as a blob, and a
-bool as a vocabulary. The subclasses are Vocab, Vocab64, Int8, Int16, Int64, Float32, Dict and Loose.
+An int is sent as int32 or int64, depending on its size. A float is sent as float64, bytes as YARP's type
+blob, and a bool as YARP's type vocab (a word of up to four letters). The subclasses are Vocab, Vocab64, Int8,
+Int16, Int64, Float32, Dict and Loose.
 """
 
 from __future__ import annotations

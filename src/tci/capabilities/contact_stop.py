@@ -1,4 +1,4 @@
-"""A contact stop for another behaviour: a touched part stops, and continues after the touch."""
+"""A behaviour that runs another behaviour and stops each of its parts while the part is touched."""
 
 from __future__ import annotations
 

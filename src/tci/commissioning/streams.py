@@ -67,8 +67,8 @@ class Observation:
 
 
 HISTORY = 50
-"""Largest number of readings that an observation stores, to limit the used memory. Assumed: enough readings
-for statistics of values."""
+"""Largest number of readings that `observe` stores, which limits the memory. Assumed: enough readings for
+statistics of values."""
 ENOUGH = 1.5
 """Frames that were not read count as lost only if there are at least this many `read` calls per frame.
 Assumed: calls are irregular, so with fewer calls two frames may arrive between two calls although the robot

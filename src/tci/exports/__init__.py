@@ -1,5 +1,5 @@
 """Exports of a robot's model for other libraries.
 
-The modules compute Denavit-Hartenberg parameters, chains for OROCOS KDL and URDF from a robot's description.
-`facts` defines the data with which a served robot answers a query.
+From a robot's description, the modules compute Denavit-Hartenberg parameters, a URDF, and chains for OROCOS
+KDL. `facts` defines the data with which a served robot answers a query.
 """

@@ -49,7 +49,8 @@ class CommandedGroups:
         margin = settings.self_collision
         body = None if robot.model is None or margin is None else SelfCollision(robot, margin=margin)
         self.body = None if body is None else BodyGuard(body, period=period)
-        """Check of planned stops for self-collision; None if the check is disabled."""
+        """Check for self-collision of the stops that the gate plans before each step; None if the check is
+        disabled."""
         self._shown: Reference | None = None
         self._states: list[Array]
         self._note_change()

@@ -12,8 +12,8 @@ LONGEST = 0.02
 to reverse a joint, and robots send joint data at least every 10 ms."""
 FADE = 0.01
 """Time [s] in which the trust in joint data (a factor of the permitted torques) falls from 1 to 0. The fall
-begins when the data is too old to be fully trusted. Assumed: in this time, a light joint under its full
-torque gains a third of its speed limit."""
+begins when the data is too old to be fully trusted. Assumed: in this time, even a joint with little inertia,
+under its full torque, becomes faster by at most a third of its speed limit."""
 USUAL = 1.5
 """Data is fully trusted up to one control period plus this many times its usual age. The usual age is the
 mean age of the latest data at the time at which newer data arrives. Data older than `LONGEST` is never fully

@@ -37,8 +37,8 @@ def write_csv(gesture: Gesture, path: Path, names: dict[str, list[str]]) -> None
 def read_csv(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
     """Returns the gesture in a file, and the names of the gesture's joints by part.
 
-    Raises DescriptionError if the file is not valid. The message contains the line of the error and the valid
-    content.
+    Raises DescriptionError if the file is not valid. The message contains the number of the wrong line, and
+    what is valid there.
     """
     source = str(path)
     try:

@@ -30,7 +30,7 @@ _FOLDER = Path(__file__).with_name("robots")
 _known: weakref.WeakValueDictionary[str, Robot] = weakref.WeakValueDictionary()
 """For each name, the robot that was loaded last, while a caller still uses this robot."""
 _files: dict[str, Files] = {}
-"""State of each robot's files at the time when the robot was last loaded, by the robot's name."""
+"""Path, size and time of change of each robot's files when the robot was last loaded, by the robot's name."""
 
 
 def robot_names() -> tuple[str, ...]:

@@ -140,8 +140,8 @@ class KinematicChain:
         return self._mimics.extended(position)
 
     def ends(self, bodies: Iterable[int]) -> Indices:
-        """Returns, for each of `bodies` (indices in the model), the index (l,) in `steps` of the last step on
-        the path to this body."""
+        """Returns the step that leads to each of l `bodies`, which are indices in the model. The result (l,)
+        contains row numbers of the table `steps`."""
         return np.array([self._after[body] for body in bodies], np.int64)
 
     def path(self, ends: Iterable[int]) -> Indices:

@@ -20,8 +20,8 @@ first number is the number of contacts on the patch. Four vectors follow, with 3
 NUMBERS = 13
 """Number of values with which MuJoCo's contact sensor describes one contact."""
 WIDE = 0.02
-"""Width [m] over which a contact force is distributed on the taxels. Above this width, the distribution is
-computed a second time, to correct an error of the first result. Assumed: this is far above the width of a
+"""If a contact force is distributed over a width [m] above this value, its distribution on the taxels is
+computed a second time, which corrects an error of the first result. Assumed: this is far above the width of a
 taxel."""
 SIDE = 0.2
 """Least cosine of the angle between a contact's outward normal and the mean normal of the taxels near the

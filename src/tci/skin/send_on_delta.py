@@ -1,11 +1,11 @@
 """Event-driven skin (send-on-delta): only changed frames are sent, and the receiver repeats the last frame.
 
-The sensor of a patch numbers its frames at a constant rate. The sender omits frames that equal the previous
-frame. But every `keep_alive` seconds the sender sends one frame in any case, so that the receiver can
-distinguish an unchanged patch from a dead patch. For omitted frames the receiver passes on the array object
-of the last frame, and `Conditioner` only counts such frames. The perceptions equal those of a skin that sends
-every frame, bit for bit, if sums of stamps and periods have no rounding errors. With rounding errors, an
-estimation window can end one frame earlier or later.
+The sensor of a patch makes frames at a constant rate and gives each a sequence number. The sender omits
+frames that equal the previous frame. But every `keep_alive` seconds the sender sends one frame in any case,
+so that the receiver can distinguish an unchanged patch from a dead patch. For omitted frames the receiver
+passes on the array object of the last frame, and `Conditioner` only counts such frames. The perceptions equal
+those of a skin that sends every frame, bit for bit, if sums of stamps and periods have no rounding errors.
+With rounding errors, an estimation window can end one frame earlier or later.
 """
 
 from __future__ import annotations

@@ -34,7 +34,8 @@ from tci.reasons import Code, Reason
 RATE = 500.0
 """Rate [Hz] of states, equal to the rate of a real robot."""
 VARIANT = 5
-"""Value of `mode_machine` (variant) of a G1 with 29 motors."""
+"""Value of the field `mode_machine` in the state of a G1 with 29 motors. The field tells the variant of the
+robot."""
 WARM, SUPPLY = 30, 50.0
 """Temperature [C] and voltage [V] that the served motors report. Assumed: a robot at rest has these
 values."""

@@ -1,6 +1,6 @@
 """Order of a patch's channels among the values that the patch's port sends. A port may send more values than
 the patch has channels. For example, the skin of iCub's upper arm has 35 modules of ten taxels each. The port
-of this skin sends 768 values, with twelve values for each module.
+of this skin sends 768 values: twelve for each module, with room for 64 modules.
 """
 
 from __future__ import annotations

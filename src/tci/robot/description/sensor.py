@@ -33,8 +33,8 @@ class Sensor(Description):
     with the slope `pascal_per_count`."""
     axes: Literal[1, 3] = 1
     """Number of values per taxel. With 1, the value is the pressure. With 3, the values are stresses: in x
-    and y along the skin, and in the outward direction z. A frame then has three times as many values as the
-    skin has channels."""
+    and y along the skin, and in the outward direction z. A frame then has three values for each channel in
+    the description."""
     shear: float | None = None
     """Linear response [Pa per count] of the stresses along the skin, x and y. If None, the absolute value of
     `pascal_per_count` is used."""

@@ -77,8 +77,8 @@ def _pads(valid: NDArray[np.bool_], listed: NDArray[np.intp]) -> NDArray[np.bool
     channels with a position; `listed` is the file's list `taxel2Repr`.
 
     Newer files mark pads by -2 in this list. In older files, -1 marks a pad if the channel has a position. In
-    files without marks, and after the end of the list, pads are the channels 6 and 10 of each module (12
-    channels) in which a channel has a position.
+    files without marks, and after the end of the list, each module (12 channels, from 0) has pads at 6 and
+    10, if any of its channels has a position.
     """
     pads = np.zeros(len(valid), dtype=bool)
     pads[: len(listed)] = (listed == -2) | ((listed == -1) & valid[: len(listed)])

@@ -117,3 +117,11 @@ def test_only_the_recorded_description_will_do(poked: Poked) -> None:
         recorded_robot(recording)
     recording.about["robot"] = ""
     assert recorded_robot(recording) is None
+
+
+def test_a_recording_of_a_robot_that_tci_does_not_know_says_what_to_give(tmp_path: Path) -> None:
+    own = tci.load_robot("nao").model_copy(update={"name": "mine"})
+    with Recorder(tmp_path / "a.mcap", own):
+        pass
+    with pytest.raises(RecordingError, match="recorded from 'mine', which is no robot of TCI; give the path"):
+        recorded_robot(Recording(tmp_path / "a.mcap"))

@@ -16,6 +16,7 @@ from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.contact_stop import ContactStop
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, TciError, UnknownNameError
+from tci.runtime.arguments import load_capability
 from tci.simulation.world import World
 from tci.testing import TouchedRobot
 
@@ -259,16 +260,30 @@ def test_11_names_that_are_nearly_right() -> None:
 def test_12_a_touch_of_a_part_that_a_capability_does_not_know(name: str) -> None:
     shrug = runpy.run_path(str(EXAMPLES / "07_own_capability.py"))["Shrug"]
     capabilities = [point.load()() for point in entry_points(group="tci.capabilities")]
-    assert len(capabilities) > 2
     robot = TouchedRobot(name)
     touches = {patch: robot.perceive(patch, force=5.0) for patch in (one.name for one in robot.robot.patches)}
     assert {contact.part for seen in touches.values() for contact in seen.contacts} >= {"head", "left_arm"}
     capabilities = [one for one in capabilities if not isinstance(one, tci.LightGrasp)]  # it needs palms
+    assert len(capabilities) > 2
     for capability in [*capabilities, ContactStop(tci.WithdrawalReflex()), shrug()]:
         answers = {
             patch: capability.step(capability.init(robot.body), seen, robot.body)[0]
             for patch, seen in touches.items()
         }
-        special = {BodyWithdrawal: "head_skin", tci.LightGrasp: "left_palm"}
+        special = {BodyWithdrawal: "head_skin"}
         known = special.get(type(capability), "left_forearm")
         assert known not in answers or answers[known]
+
+
+def test_a_file_in_place_of_a_capability_lists_its_classes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text("import tci\n\nclass Settings: pass\n\nclass Shrug(tci.Capability): pass\n")
+    Path("broken.py").write_text("class Shrug(")
+    with pytest.raises(UnknownNameError) as raised:
+        load_capability("mine")
+    assert "mine:Shrug" in raised.value.valid
+    assert "mine:Settings" not in raised.value.valid
+    with pytest.raises(UnknownNameError):
+        load_capability("broken")

@@ -34,4 +34,6 @@ def test_a_robot_that_is_only_read_shows_touches_and_does_not_move(
     assert not session.failed
     assert any("read-only" in event.words for event in events)
     assert not any("at rest" in event.kind for event in events)
-    assert all(tick.decision is None for tick in tci.Recording(file).ticks())
+    ticks = list(tci.Recording(file).ticks())
+    assert ticks
+    assert all(tick.decision is None for tick in ticks)

@@ -22,6 +22,7 @@ from tci.messages import JointReading, Reading, SkinFrame
 from tci.reasons import Code, Reason
 from tci.runtime.watchdogs import (
     LEAST_SILENCE,
+    MOVED,
     PILED_UP,
     STOOD,
     TURN,
@@ -131,17 +132,23 @@ def test_torques_that_stay_equal_while_a_simulated_arm_creeps_to_rest_are_not_fr
         assert not silence.fault(Reading(joints, ()), 0.02 * k)
 
 
+@pytest.mark.parametrize("absent", [False, True])
 @pytest.mark.parametrize(("degrees_per_s", "rate"), [(0.5, 100), (1.0, 500), (5.0, 1000)])
-def test_torques_that_freeze_while_an_arm_moves_slowly_are_told(degrees_per_s: float, rate: int) -> None:
+def test_torques_that_freeze_while_an_arm_moves_slowly_are_told(
+    degrees_per_s: float, rate: int, absent: bool
+) -> None:
     robot = tci.load_robot("g1-bare")
     silence, count = SkinWatchdog(robot, stale_after=0.05), len(robot.servos)
-    for k in range(rate):
+    torque = np.full(count, 1.3)
+    if absent:  # one joint of the part reports no torque
+        torque[robot.part("left_arm").servos[0].servo] = np.nan
+    for k in range(2 * rate):
         now = k / rate
         position = np.full(count, np.deg2rad(degrees_per_s) * now)
-        joints = JointReading(now, 0, position, np.zeros(count), np.full(count, 1.3))
+        joints = JointReading(now, 0, position, np.zeros(count), torque)
         if silence.fault(Reading(joints, ()), now):
             break
-    assert now == pytest.approx(LEAST_SILENCE, abs=0.05)
+    assert now == pytest.approx(MOVED / np.deg2rad(degrees_per_s) + LEAST_SILENCE, abs=0.03)
 
 
 @pytest.mark.parametrize(("stale_after", "longest"), [(0.05, STOOD), (0.5, 0.5)])

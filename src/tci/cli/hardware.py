@@ -56,7 +56,7 @@ class Simulation:
     true angles.
     """
 
-    def __init__(self, driver: SimulatedDriver, shown: Console) -> None:
+    def __init__(self, driver: SimulatedDriver, shown: Console = console) -> None:
         """Stores the driver, and the console `shown`, on which taxels that can't be pressed are named."""
         self._driver, self._shown = driver, shown
 

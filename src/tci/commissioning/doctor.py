@@ -18,9 +18,9 @@ SLOW = 0.8
 """Fraction of the nominal frame rate below which a stream of frames counts as slow. Assumed: the rates of
 healthy streams vary by a few percent."""
 OFF = 0.15
-"""Largest difference between the median of a patch's values and the patch's rest value, as a fraction of the
-sensor's range. A larger difference gives a warning. Assumed: larger than the drift of a sensor, and smaller
-than the difference that an inverted or drift-compensated sensor causes."""
+"""Largest permitted difference between the median of the values in a patch's latest frame and the patch's
+rest value, as a fraction of the sensor's range. A larger difference gives a warning. Assumed: larger than the
+drift of a sensor, and smaller than the difference that an inverted or drift-compensated sensor causes."""
 TURN = 2.0 * np.pi
 """Largest plausible joint angle [rad]. No joint of a humanoid turns by more than a full turn."""
 

@@ -31,7 +31,7 @@ class DriverInfo:
     """True if the driver may send commands."""
     lease_name: str
     """Name of the lease, which is the right to command the robot. Drivers with equal lease names connect to
-    the same robot, and only one of these drivers may command the robot at a time."""
+    the same robot, and only one process may command the robot at a time."""
     keep_alive: float | None = None
     """Longest time [s] between two frames of a patch, if the robot sends a frame only when values change
     (send-on-delta). The value is None if the robot sends every frame."""

@@ -43,8 +43,9 @@ class Lease:
     def __init__(self, name: str) -> None:
         """Acquires the lease.
 
-        Raises DriverError if another process holds the lease, or if other users may write to the folder. Also
-        raises DriverError if the file can't be locked, or if the system has no file locks.
+        Raises DriverError if another process holds the lease, or if other users may write to the folder with
+        the lease's file. Also raises DriverError if the file can't be locked, or if the system has no file
+        locks.
         """
         if fcntl is None:
             raise DriverError(
@@ -120,9 +121,10 @@ class Lease:
         except BlockingIOError:
             content = os.pread(handle, 64, 0)
             holder = content.decode() if _HOLDER.fullmatch(content) else "another process"
-            holder += " (this process)" if holder == f"process {os.getpid()}" else ""
+            own = holder == f"process {os.getpid()}"
+            advice = "close the other driver of this program" if own else "one commander at a time"
             raise DriverError(
-                f"{self._name} is commanded by {holder} already; valid: one commander at a time"
+                f"{self._name} is commanded by {holder}{' (this process)' * own} already; valid: {advice}"
             ) from None
         # The folder is locked because systemd removes old files from /tmp, except from locked folders.
         fcntl.flock(place, fcntl.LOCK_SH)
@@ -150,7 +152,7 @@ def _is_at(path: Path, found: os.stat_result) -> bool:
 
 
 _HELD: set[Lease] = set()
-_LOCK = threading.Lock()
+_LOCK = threading.RLock()
 """Lock that prevents this process from forking while `Lease` opens or closes files."""
 
 

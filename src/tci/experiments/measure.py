@@ -116,7 +116,8 @@ def cop_error(trace: Trace) -> float | None:
     """Returns the distance [mm] along the skin between TCI's centre of pressure and the contact point of the
     physics simulation.
 
-    The distance is measured in the skin frame with the largest force. Returns None if there is no such frame.
+    Only frames are used in which both TCI and the physics simulation have a contact; of these, the frame with
+    the largest force that TCI measured. Returns None if there is no frame with both contacts.
     """
     stamps = [stamp for stamp in trace.contacts if stamp in trace.center]
     if not stamps:

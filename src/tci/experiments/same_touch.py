@@ -42,8 +42,8 @@ estimates do not change between touches."""
 PART = "left_arm"
 _TURNS = 2.0 * np.pi * np.concatenate([[0.0], np.arange(6) / 6.0, np.arange(12) / 12.0])
 _POINTS = np.repeat([0.0, 0.4, 0.8], (1, 6, 12)) * np.array([np.cos(_TURNS), np.sin(_TURNS)])
-"""Points (2, 19) on a taxel at which the pressure is computed for its mean: the centre and two rings. The
-rows are x and y, in units of the taxel's radius."""
+"""Points (2, 19) on a taxel: the centre and two rings. The taxel's mean pressure is computed from the
+pressures at these points. The rows are x and y, in units of the taxel's radius."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -143,7 +143,8 @@ class RobotFacts(Description):
     """Pose (4, 4) of the torso frame, in the frame of the link `torso_link`."""
     denavit_hartenberg: tuple[DHTable, ...]
     chains: dict[str, tuple[ChainSegment, ...]]
-    """Chain of segments to each part, for OROCOS KDL, by the part's name."""
+    """Kinematic chain from the torso to the end of each part, as segments of OROCOS KDL, by the part's name.
+    """
     patches: tuple[PatchFacts, ...]
     fields: tuple[ReceptiveField, ...]
     """Receptive fields of the withdrawal reflex on the generic limb. The values of these fields are assumed,

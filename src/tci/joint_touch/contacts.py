@@ -122,8 +122,8 @@ class JointTouch:
         """Returns the contact that is detected through the joint torques of one part; None if there is no
         such contact.
 
-        Writes into `forces` (c,) [N], the forces of all contacts on skin, the improved forces of the contacts
-        on this part.
+        `forces` (c,) [N] contains the forces of all contacts on skin. The forces of the contacts on this part
+        are replaced by improved values.
         """
         rows, torques = [], []
         for row, contact in enumerate(self._on_skin):

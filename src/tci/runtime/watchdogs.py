@@ -26,9 +26,9 @@ successive frames may be lost."""
 LEAST_SILENCE = 0.25
 """Lower bound [s] on the time without a frame after which a patch counts as silent. Assumed: a busy network
 delays data by less than this time."""
-MOVED = 1e-4
-"""Angle [rad] by which a joint must have turned since its last new torque to count as moving. Assumed: a
-smaller motion may leave the torque of every joint unchanged in all digits."""
+MOVED = 2e-3
+"""Angle [rad] by which a joint must have turned since its last new torque to count as moving. Assumed: larger
+than one count of an encoder, by which a joint at rest may still settle while all torques stay equal."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 TURN = 0.0001
 """Time [s] after which Python switches between busy threads. Assumed: far shorter than a control period.
@@ -125,12 +125,13 @@ class TorqueWatchdog:
             for part, servos in self._servos.items():
                 torque, position = joints.torque[servos], joints.position[servos]
                 before = self._seen.get(part)
-                if before is None or not np.array_equal(torque, before[0]):
+                reported = np.isfinite(torque)
+                if before is None or not np.array_equal(torque, before[0], equal_nan=True):
                     start, frozen = position, False
                 else:
                     start = before[1]
-                    frozen = bool(np.any(np.abs(position - start) > MOVED))
-                if np.isfinite(torque).any() and not frozen:
+                    frozen = bool(np.any(np.abs(position - start)[reported] > MOVED))
+                if reported.any() and not frozen:
                     self._seen[part] = torque, start, now
         self._stamp = joints.stamp
         for part, (_, _, latest) in self._seen.items():

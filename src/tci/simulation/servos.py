@@ -85,8 +85,8 @@ class Servos:
     def _set_up(self, robot: Robot) -> tuple[Array, Array]:
         """Sets motor inertia and torque limit of each moving joint.
 
-        Returns the stiffness (k,) [N m/rad] of each moving joint at the stiffness fraction 1, and the damping
-        (k,) [N m s/rad] that belongs to this stiffness.
+        Returns the full stiffness (k,) [N m/rad] of each moving joint, and the damping (k,) [N m s/rad] that
+        belongs to this stiffness.
         """
         model, data = self._physics.model, self._physics.data
         inertia = _largest_inertia(model, data, self._dofs)

@@ -42,7 +42,7 @@ class PatchEstimator:
         self.sole = patch.description.segment == SOLE
         self.full = patch.full
         """Largest deviation [counts] within the sensor's range."""
-        self._gain, self._nodes = patch.gain, patch.nodes
+        self._gain, self._response = patch.gain, patch.response
         self._two_counts = self._pressure(np.full(count, TWO_COUNTS))
         self.baseline = Baseline(
             count,
@@ -106,7 +106,7 @@ class PatchEstimator:
         estimates.muted[taxels] = self.health.muted
 
     def _pressure(self, counts: Array) -> Array:
-        pressure: Array = self._gain * (np.interp(counts, *self._nodes) if self._nodes.size else counts)
+        pressure: Array = self._gain * self._response(counts)
         return pressure
 
     def masked(self) -> MappingProxyType[int, str]:

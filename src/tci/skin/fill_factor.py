@@ -47,7 +47,8 @@ def fill_factors(surface: Surface) -> Array:
     The factor is 1 at places without gaps nearby. On a sheet (a palm, a sole, a cap) the fill factor is 1.
     The reasons: the body part ends at the edge of the sheet, and a rigid plate passes the load to the taxels.
     Taxels on the other side of a thin limb are left out. Distances are measured along the arc between two
-    taxels. The weight of a taxel is a Gaussian that has the second moment of a disc with the taxel's area.
+    taxels. In an average, a taxel counts as a Gaussian with the second moment of a disc that has the taxel's
+    area.
     """
     if is_sheet(surface.normals):
         return np.ones((len(surface.positions), len(WIDTHS)))

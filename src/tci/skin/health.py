@@ -27,7 +27,7 @@ class Health(IntEnum):
 
     - No neighbour is active, and the value is constant for a long time. If the taxel fluctuated before, one
       estimation window (about a second) is enough.
-    - The whole patch is active and constant for a long time.
+    - All taxels of the patch are constant for a long time.
 
     On a patch without noise, only a taxel at the end of its range, without an active neighbour, counts as
     stuck.

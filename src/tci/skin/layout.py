@@ -57,7 +57,7 @@ class SkinPatch:
     surface: Surface
     part: GenericPart
     segment: Segment | None
-    """The limb segment on which the patch is. The value is None if the patch is on no limb segment."""
+    """Segment of an arm on which the patch is; None for patches on other parts."""
     calibration: PatchCalibration | None = None
     """Measured rest values, noise and response. None means that the values of the description are used."""
 

@@ -104,8 +104,8 @@ class Guard:
 
     def _is_here(self, host: str) -> bool:
         """Returns True if `host`, the Host header of a request, names this machine. Numeric addresses are
-        accepted too, because DNS rebinding is not possible without a DNS name. A server that listens on this
-        machine only accepts only loopback addresses."""
+        accepted too, because DNS rebinding is not possible without a DNS name. If the server listens only on
+        this machine, only loopback addresses are accepted."""
         try:
             name = urlsplit(f"//{host}").hostname or ""
         except ValueError:

@@ -80,7 +80,7 @@ class Segment(Description):
     """A part of a limb that carries skin, given by its proximal point and its length."""
 
     name: str
-    """Name of the segment: `upper_arm` or `forearm`."""
+    """Name of the segment, for example `upper_arm`, `forearm` or `thigh`."""
     link: str
     """Link of the kinematic model. `origin` is given in the frame of this link."""
     origin: Vector = (0.0, 0.0, 0.0)

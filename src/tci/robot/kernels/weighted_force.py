@@ -1,4 +1,4 @@
-"""The weighted force of a contact (eq. 7), in a compiled loop."""
+"""Compiled loop for the force of a contact as a weighted mean over its taxels (eq. 7 of the paper)."""
 
 from __future__ import annotations
 

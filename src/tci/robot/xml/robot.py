@@ -97,6 +97,10 @@ def schema_path() -> Path:
     return Path(__file__).with_name("robot.xsd")
 
 
+IMU = "imu"
+"""Name in an address for the sensor of acceleration of the robot's root link."""
+
+
 def _bindings(root: Node, servos: Servos, patches: Sequence[Patch], faults: Faults) -> tuple[Binding, ...]:
     """Reads the bindings: rates and addresses for each middleware. Does not check the modules in an address
     if the description of its patch has faults."""
@@ -104,6 +108,7 @@ def _bindings(root: Node, servos: Servos, patches: Sequence[Patch], faults: Faul
     names = [patch.get("name") for patch in skin.all("patch")] if skin is not None else []
     known = {name for servo in servos.all for name in (servo.name, servo.robot_part)}
     known |= {name for name in names if name is not None}
+    known.add(IMU)
     channels = {patch.name: patch.channels for patch in patches}
     faulty = {*names} - channels.keys()
     bindings = []

@@ -122,6 +122,17 @@ def test_a_fault_in_what_a_variant_changes_is_on_a_line_of_the_variant(tmp_path:
         read_robot(variant)
 
 
+def test_an_address_may_name_the_topic_of_the_imu(tmp_path: Path) -> None:
+    for file in Path(load_robot("g1-bare").source).parent.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    variant = tmp_path / "v.xml"
+    variant.write_text(
+        '<generic_robot extends="bare.xml" name="mine"><binding middleware="ros2" rate="100" stale_after="0.1">'
+        '<address of="imu" to="/waist/imu"/></binding></generic_robot>'
+    )
+    assert read_robot(variant).binding("ros2").address("imu", "imu/data") == "/waist/imu"
+
+
 def test_a_variant_removes_elements_and_keeps_the_rest() -> None:
     plain, bare = load_robot("g1"), load_robot("g1-bare")
     assert [p.surface for p in bare.patches] == [p.surface for p in plain.patches]

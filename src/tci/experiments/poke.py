@@ -182,9 +182,9 @@ def poke_place(
     watch: Callable[[Tick], None] | None = None,
     elsewhere: RemoteTrial | None = None,
 ) -> Trace:
-    """Resets `world`, pokes any point of its skin, and records the poke. `watch` is called after each period
-    of the loop, and a reflex in `elsewhere`, another process, runs instead of `reflex`. Raises the errors of
-    `poke`."""
+    """Resets `world`, pokes the point `place` of its skin, and records the poke. `watch` is called after each
+    period of the loop, and a reflex in `elsewhere`, another process, runs instead of `reflex`. Raises the
+    errors of `poke`."""
     world.reset()
     trial = _Poke(world, place, stimulus, seed, watch)
     if elsewhere is not None:

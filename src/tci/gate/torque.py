@@ -65,8 +65,8 @@ class TorqueLimiter:
         self._trust = np.zeros(len(self.servos))
 
     def ask(self, servos: NDArray[np.intp], torque: Array) -> Array:
-        """Sets the commanded `torque` (k,) [N m] of `servos`. Returns this torque, clipped to the limits of
-        the servos."""
+        """Sets the commanded `torque` (k,) [N m] of `servos`. Returns this torque, clipped to each servo's
+        torque limit."""
         limit = np.array([self._robot.servos[servo].limits.torque for servo in servos])
         wanted: Array = np.clip(torque, -limit, limit)
         self._memory[at.WANTED, servos] = wanted

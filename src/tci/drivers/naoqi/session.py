@@ -37,8 +37,8 @@ class Address:
     user: str = ""
     """User name for the login. The text is empty for NAOqi up to 2.8, which has no login."""
     life: str = "refuse"
-    """Action of an armed driver if autonomous motions are on: `refuse` to connect, or switch these motions
-    `off`."""
+    """Action of an armed driver if autonomous motions are on. "refuse": it refuses to connect. "off": it
+    switches these motions off."""
 
     @property
     def url(self) -> str:

@@ -151,7 +151,7 @@ def to_actuators(body: bytes) -> tuple[Array, Array]:
 
 
 def geometry(limits: Sequence[tuple[float, float, float, float]]) -> bytes:
-    """Returns the geometry of an actarray as bytes.
+    """Returns the geometry of an actarray, Player's interface to a group of joints, as bytes.
 
     Each joint has four values: its lowest, highest and initial position [rad], and its largest speed [rad/s].
     Player's values for lengths and axes of links are zero; clients get the links with the request FACTS.

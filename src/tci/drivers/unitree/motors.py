@@ -80,7 +80,8 @@ def commanded(*, whole: bool) -> NDArray[np.intp]:
 
 def absent(mode_machine: int, *, simulation: bool = False) -> tuple[int, ...]:
     """Returns the slots in the robot's messages that have no motor in the variant `mode_machine` of the G1.
-    With `simulation`, the variant 0 has all motors. Raises DriverError for an unknown variant."""
+    With `simulation`, the variant 0, which simulators send, has all motors. Raises DriverError for an unknown
+    variant."""
     if simulation and mode_machine == 0:
         return ()
     if mode_machine not in VARIANTS:

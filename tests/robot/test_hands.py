@@ -128,8 +128,8 @@ def test_an_address_may_name_the_topic_of_the_imu(tmp_path: Path) -> None:
     variant = tmp_path / "v.xml"
     variant.write_text(
         '<generic_robot extends="bare.xml" name="mine">'
-        '<binding middleware="ros2" rate="100" stale_after="0.1"><address of="imu" to="/waist/imu"/></binding>'
-        "</generic_robot>"
+        '<binding middleware="ros2" rate="100" stale_after="0.1">'
+        '<address of="imu" to="/waist/imu"/></binding></generic_robot>'
     )
     assert read_robot(variant).binding("ros2").address("imu", "imu/data") == "/waist/imu"
 

@@ -9,6 +9,7 @@ import signal
 import sys
 import threading
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,10 @@ import pytest
 
 import tci
 from tci.drivers.lease import lease
+from tci.drivers.wrapper import DriverWrapper
 from tci.errors import DriverError
-from tci.frames import Array
+from tci.frames import Array, read_only
+from tci.gate.gate import GateState
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.reasons import Code, Reason
 from tci.runtime.watchdogs import (
@@ -29,6 +32,7 @@ from tci.runtime.watchdogs import (
     SkinWatchdog,
     StallDetector,
     attentive,
+    implausible_force,
     interruptions,
 )
 
@@ -285,3 +289,30 @@ def test_26_no_lease_is_cleared_away_while_it_is_held(
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     finally:
         os.close(handle)
+
+
+class Heavy(DriverWrapper):
+    """A robot whose left arm needs more torque than its description says, as with a tool in the hand."""
+
+    def _receive(self) -> Reading:
+        reading = self.inner.read()
+        assert reading.joints.torque is not None
+        torque = reading.joints.torque.copy()
+        torque[self.robot.part("left_arm").servos[0].servo] += 60.0
+        return replace(reading, joints=replace(reading.joints, torque=read_only(torque)))
+
+
+def test_torques_that_no_push_explains_hold_the_robot() -> None:
+    with tci.connect("g1-bare", "sim") as driver:
+        result = tci.run(Heavy(driver), tci.WithdrawalReflex(), duration=1.0)
+    assert result.state is GateState.HOLD
+    assert any("the joint torques of left_arm mean a push of" in str(notice) for notice in result.holds)
+    assert not result.moved
+
+
+def test_only_touches_that_are_estimated_from_torques_are_judged_by_their_force() -> None:
+    contacts = tci.TouchedRobot("nao").perceive("left_forearm", force=5.0).contacts
+    strong = replace(contacts, force=np.array([400.0]))
+    assert implausible_force(strong) is None
+    assert implausible_force(replace(strong, certainty=np.array([0.7]))) is not None
+    assert implausible_force(replace(strong, certainty=np.array([0.7]), force=np.array([90.0]))) is None

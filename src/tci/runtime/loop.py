@@ -32,7 +32,7 @@ from tci.runtime.arguments import as_capability, as_driver, check_duration
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.result import Account, RunResult
 from tci.runtime.warm_up import WARM_UP, WarmUp
-from tci.runtime.watchdogs import SkinWatchdog, frozen_garbage, interruptions
+from tci.runtime.watchdogs import SkinWatchdog, frozen_garbage, implausible_force, interruptions
 
 MISSED = 3
 """Least number of successive missed periods at which the gate holds the robot. Assumed: without real-time
@@ -203,6 +203,7 @@ class _Loop(Generic[Memory]):
         commands: tuple[Order, ...] = ()
         opening = False
         if seen is not None:
+            gate.hold(implausible_force(seen.contacts))
             if not self._begun:
                 commands = begin_of(self.capability, seen, self.body)
                 opening = bool(commands)

@@ -16,7 +16,7 @@ import numpy as np
 
 from tci.clock import Clock
 from tci.frames import Array
-from tci.messages import JointReading, Reading
+from tci.messages import Contacts, JointReading, Reading
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
@@ -29,6 +29,9 @@ delays data by less than this time."""
 MOVED = 2e-3
 """Angle [rad] by which a joint must have turned since its last new torque to count as moving. Assumed: larger
 than one count of an encoder, by which a joint at rest may still settle while all torques stay equal."""
+MOST_FORCE = 150.0
+"""Largest force [N] of a touch that is estimated from joint torques, above which the robot holds. Assumed:
+people push an arm with less force. A larger estimate means that the torques do not fit the description."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 TURN = 0.0001
 """Time [s] after which Python switches between busy threads. Assumed: far shorter than a control period.
@@ -139,6 +142,22 @@ class TorqueWatchdog:
                 words = f"the joints of {part} have reported no new torques for {silent * 1e3:.0f} ms"
                 return Reason(Code.SKIN_SILENT, f"{words}: {', '.join(self._patches[part])} feel nothing")
         return None
+
+
+def implausible_force(contacts: Contacts) -> Reason | None:
+    """Returns a reason to hold the robot if the force of a touch that is estimated from joint torques is
+    implausible; otherwise None."""
+    if contacts.certainty is None:
+        return None
+    forces = np.where(contacts.certainty < 1.0, contacts.force, 0.0)
+    if not (forces > MOST_FORCE).any():
+        return None
+    worst = contacts[int(np.argmax(forces))]
+    return Reason(
+        Code.SKIN_MISFIT,
+        f"the joint torques of {worst.part} mean a push of {worst.force:.0f} N, more than {MOST_FORCE:.0f} N: "
+        "is the description that of this robot, with its hands and tools?",
+    )
 
 
 class StallDetector:

@@ -155,7 +155,7 @@ def implausible_force(contacts: Contacts) -> Reason | None:
     worst = contacts[int(np.argmax(forces))]
     return Reason(
         Code.SKIN_MISFIT,
-        f"the joint torques of {worst.part} mean a push of {worst.force:.0f} N, more than {MOST_FORCE:.0f} N: "
+        f"the joint torques of {worst.part} mean a push of {worst.force:.0f} N, above {MOST_FORCE:.0f} N; "
         "is the description that of this robot, with its hands and tools?",
     )
 

@@ -122,7 +122,7 @@ class Lease:
             content = os.pread(handle, 64, 0)
             holder = content.decode() if _HOLDER.fullmatch(content) else "another process"
             own = holder == f"process {os.getpid()}"
-            advice = "close the other driver of this program" if own else "one commander at a time"
+            advice = "one commander at a time" + "; close the other driver of this program" * own
             raise DriverError(
                 f"{self._name} is commanded by {holder}{' (this process)' * own} already; valid: {advice}"
             ) from None

@@ -3,6 +3,7 @@ that extend another description."""
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -92,6 +93,11 @@ def test_an_arm_does_not_wait_for_fingers_on_its_board() -> None:
     assert duration(others=True) <= duration(others=False) + 1
 
 
+def copy_folder(robot: str, to: Path) -> None:
+    """Copies the files of a robot's description."""
+    shutil.copytree(Path(load_robot(robot).source).parent, to, dirs_exist_ok=True)
+
+
 def test_a_variant_has_all_of_what_it_extends_and_its_own(tmp_path: Path) -> None:
     plain, hands = load_robot("nao"), load_robot("nao-hands")
     assert [s.limits for s in hands.servos] == [s.limits for s in plain.servos]
@@ -99,9 +105,7 @@ def test_a_variant_has_all_of_what_it_extends_and_its_own(tmp_path: Path) -> Non
     assert {p.name for p in plain.patches} < {p.name for p in hands.patches}
     assert hands.bindings == plain.bindings
     assert hands.digest != plain.digest
-    folder = Path(plain.source).parent
-    for file in folder.iterdir():
-        (tmp_path / file.name).write_bytes(file.read_bytes())
+    copy_folder("nao", tmp_path)
     before = read_robot(tmp_path / "hands.xml").digest
     base = tmp_path / "robot.xml"
     base.write_text(base.read_text().replace('max="473.7"', 'max="400"'))
@@ -111,8 +115,7 @@ def test_a_variant_has_all_of_what_it_extends_and_its_own(tmp_path: Path) -> Non
 
 
 def test_a_fault_in_what_a_variant_changes_is_on_a_line_of_the_variant(tmp_path: Path) -> None:
-    for file in Path(load_robot("nao").source).parent.iterdir():
-        (tmp_path / file.name).write_bytes(file.read_bytes())
+    copy_folder("nao", tmp_path)
     variant = tmp_path / "v.xml"
     variant.write_text(
         '<generic_robot extends="robot.xml" name="narrow">\n<robot_part name="LArm">\n'
@@ -123,8 +126,7 @@ def test_a_fault_in_what_a_variant_changes_is_on_a_line_of_the_variant(tmp_path:
 
 
 def test_an_address_may_name_the_topic_of_the_imu(tmp_path: Path) -> None:
-    for file in Path(load_robot("g1-bare").source).parent.iterdir():
-        (tmp_path / file.name).write_bytes(file.read_bytes())
+    copy_folder("g1-bare", tmp_path)
     variant = tmp_path / "v.xml"
     variant.write_text(
         '<generic_robot extends="bare.xml" name="mine">'

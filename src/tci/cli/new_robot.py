@@ -246,7 +246,7 @@ def _found(robot: Robot) -> list[str]:
                 how = generic.transform if generic.transform != "linear" else f"{generic.scale:+g}"
                 moved = " and ".join(robot.servos[servo].name for servo in generic.moved)
                 joints.append(f"{generic.name} = {moved} ({how})")
-        turn = ", ".join(f"{np.rad2deg(angle) + 0.0:.1f}".replace("-0.0", "0.0") for angle in part.mount)
+        turn = ", ".join(f"{np.rad2deg(angle):z.1f}" for angle in part.mount)
         on = f" on a mount turned by {turn} degrees (roll, pitch, yaw)" if any(part.mount) else ""
         lines.append(f"{part.name}: {', '.join(joints) or 'nothing'}{on}")
     used = {servo for part in robot.parts for generic in part.servos for servo in generic.moved}

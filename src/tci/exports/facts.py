@@ -143,7 +143,8 @@ class RobotFacts(Description):
     """Pose (4, 4) of the torso frame, in the frame of the link `torso_link`."""
     denavit_hartenberg: tuple[DHTable, ...]
     chains: dict[str, tuple[ChainSegment, ...]]
-    """Kinematic chain from the torso to the end of each part, as segments of OROCOS KDL, by the part's name.
+    """Kinematic chain to the end of each part, as segments of OROCOS KDL, by the part's name. A chain begins
+    at the torso or, for parts that the torso does not carry, at the root of the model.
     """
     patches: tuple[PatchFacts, ...]
     fields: tuple[ReceptiveField, ...]

@@ -1,6 +1,6 @@
 """The control loop and its watchdogs.
 
 Once per control period, `loop` reads the sensors, runs the capability and writes the checked commands to the
-robot. Watchdogs, heartbeat and lease bring the robot to rest after a failure, and `serve` runs the loop for
+robot. Watchdogs and heartbeat bring the robot to rest after a failure, and `serve` runs the loop for
 orders from other programs.
 """

@@ -58,7 +58,7 @@ def _choice(described: type[Description], field: str) -> Choice:
 UNIT = Choice(("deg", "rad"))
 NAME = Name()
 ADDRESS = Name(1000)
-"""Name of a port, topic or device of a middleware, or several names separated by spaces."""
+"""Name that a middleware uses, for example of a port or joint, or several names separated by spaces."""
 ID = Integer(0, 9999)
 SHARE = Number(0.0, 1.0)
 LENGTH = Number(most=3.0, positive=True, unit="m")

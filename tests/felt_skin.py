@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tci.frames import Array
 from tci.messages import Contacts, JointReading, Reading, SkinState
+from tci.messages.frames import Array
 from tci.robot.description import Robot
 from tci.robot.joint_map import generic_posture
 from tci.robot.skin_files.calibration import SkinCalibration

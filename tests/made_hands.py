@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tci.frames import Array
+from tci.messages.frames import Array
 
 Joint = tuple[str, tuple[float, float, float], tuple[float, float, float], tuple[float, float]]
 Chain = Sequence[Joint]

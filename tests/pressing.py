@@ -22,9 +22,9 @@ from tci.capabilities.capability import Capability
 from tci.capabilities.soft_reaction import SoftReaction
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.drivers.simulated import SimulatedDriver
-from tci.experiments.poke import Stimulus
-from tci.frames import Array
+from tci.lab.experiments.poke import Stimulus
 from tci.messages import Mode
+from tci.messages.frames import Array
 from tci.robot.description import GenericPart, Patch, Robot
 from tci.robot.description.patch import Table
 from tci.robot.joint_map import initial_position, joint_map

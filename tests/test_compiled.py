@@ -16,8 +16,8 @@ import pytest
 
 from tci import compile_ahead, compiled
 from tci.capabilities import answer, discounts
-from tci.compile_ahead import _state, modules_with_loops
 from tci.skin.kernels import condition, contacts, nearest
+from tci.support.compile_ahead import _state, modules_with_loops
 
 WAITS = "tci: another tci process compiles its loops; waiting for it"
 
@@ -67,7 +67,7 @@ PROGRAM = """
 import time
 from numba import float64
 from tci import compiled
-from tci.compile_ahead import modules_with_loops
+from tci.support.compile_ahead import modules_with_loops
 @compiled.compiled(float64(float64))
 def twice(x):
     return 2.0 * x
@@ -91,7 +91,7 @@ def test_the_second_process_loads_what_the_first_compiled(tmp_path: Path) -> Non
 
 LOOPS = """
 from numba import float64
-from tci.compiled import compiled
+from tci.support.compiled import compiled
 
 @compiled(float64(float64))
 def twice(x):

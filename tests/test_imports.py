@@ -43,7 +43,7 @@ def test_a_run_of_sleeves_loads_no_scipy() -> None:
 
 def test_the_viewer_loads_no_mesh_library_and_no_optimiser() -> None:
     """trimesh and the modules that it loads need 20 MB of memory."""
-    assert not loaded("import tci.viewer.app") & {"trimesh", "scipy.optimize"}
+    assert not loaded("import tci.lab.viewer.app") & {"trimesh", "scipy.optimize"}
 
 
 @pytest.mark.parametrize("name", dir(tci))

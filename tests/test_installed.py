@@ -15,7 +15,7 @@ import pytest
 
 from tci import installed
 from tci.errors import MissingExtraError
-from tci.installed import advice, needs, own_distribution
+from tci.support.installed import advice, needs, own_distribution
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -86,9 +86,9 @@ def test_a_missing_module_names_itself_and_the_way_to_get_it(acme: PathDistribut
 
 
 def test_a_module_of_tci_that_is_missing_is_a_bug(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "tci.clock", None)
+    monkeypatch.setitem(sys.modules, "tci.messages.clock", None)
     with pytest.raises(ModuleNotFoundError), needs("a clock", "viewer"):
-        import tci.clock  # noqa: F401 - only the error of the import matters
+        import tci.messages.clock  # noqa: F401 - only the error of the import matters
 
 
 @pytest.mark.parametrize(

@@ -14,10 +14,9 @@ import tci
 
 ROOT = Path(tci.__file__).parent
 LAYERS = (
-    "reasons errors installed clock frames records compile_ahead compiled engine",
-    "contacts",
+    "errors reasons",
+    "support",
     "messages",
-    "rosmsg",
     "robot",
     "skin",
     "joint_touch",
@@ -31,16 +30,13 @@ LAYERS = (
     "recording",
     "drivers",
     "runtime",
-    "pictures",
-    "authoring",
-    "experiments",
-    "learning",
-    "commissioning",
-    "viewer",
-    "cli",
 )
-"""Files and folders of `tci` in layers, from the bottom to the top. Files of one layer may import each
+"""Folders and files of the core in layers, from the bottom to the top. Files of one layer may import each
 other."""
+PLUGS = ("shared", "wires", "learn")
+"""What plugs into the core: each may import the core, and a wire also `shared`."""
+TOP = "lab", "cli"
+"""May import everything below; `lab` must not import `cli`."""
 RANK = {name: rank for rank, layer in enumerate(LAYERS) for name in layer.split()}
 GENERATED = "tci_lcm"
 """Folder of code that lcm-gen generated."""
@@ -76,24 +72,50 @@ def imported(path: Path) -> set[str]:
     return names
 
 
-def test_every_folder_has_a_layer() -> None:
+def folders(name: str) -> set[str]:
+    """Folders of `tci` from which a module imports, without its own."""
+    others = {other.split(".")[1] for other in imported(MODULES[name]) if other.startswith("tci.")}
+    return others - {name.split(".")[1]}
+
+
+def test_every_folder_has_a_group() -> None:
     here = {path.stem for path in ROOT.iterdir() if path.is_dir() or path.suffix == ".py"}
-    assert here - {"__init__", "__pycache__"} == RANK.keys()
+    assert here - {"__init__", "__pycache__"} == {*RANK, *PLUGS, *TOP}
 
 
 def test_the_page_shows_the_same_layers() -> None:
     page = (ROOT.parents[1] / "docs" / "architecture.md").read_text()
     shown = page.split("```text\n")[1].split("```")[0].replace("\n", " ")
-    assert [name for layer in shown.split("|") for name in layer.split()] == [*RANK]
+    assert [name for layer in shown.split("|") for name in layer.split()] == [*RANK, *PLUGS, *TOP]
 
 
-@pytest.mark.parametrize("name", MODULES)
-def test_imports_point_to_the_left(name: str) -> None:
-    own = name.split(".")[1]
-    others = {other for other in imported(MODULES[name]) if other.startswith("tci.")}
-    others = {other.split(".")[1] for other in others} - {own}
-    wrong = {other for other in others if RANK[other] > RANK[own] or (RANK[other] == RANK[own] != 0)}
+@pytest.mark.parametrize("name", [name for name in MODULES if name.split(".")[1] in RANK])
+def test_the_core_imports_lower_layers_only(name: str) -> None:
+    own = RANK[name.split(".")[1]]
+    wrong = {one for one in folders(name) if RANK.get(one, 99) > own or (RANK[one] == own != 0)}
     assert not wrong, f"{name} must not import {sorted(wrong)}"
+
+
+def test_the_public_names_come_from_the_core() -> None:
+    names = imported(ROOT / "__init__.py")
+    assert {name.split(".")[1] for name in names if name.startswith("tci.")} <= RANK.keys()
+
+
+@pytest.mark.parametrize("name", [name for name in MODULES if name.split(".")[1] in PLUGS])
+def test_plugs_import_the_core_and_what_they_share(name: str) -> None:
+    shared = {"shared"} if name.startswith("tci.wires.") else set()
+    assert folders(name) <= RANK.keys() | shared
+
+
+@pytest.mark.parametrize("name", [name for name in MODULES if name.startswith("tci.wires.")])
+def test_wires_do_not_import_each_other(name: str) -> None:
+    wires = {other.split(".")[2] for other in imported(MODULES[name]) if other.startswith("tci.wires.")}
+    assert wires <= {name.split(".")[2]}
+
+
+@pytest.mark.parametrize("name", [name for name in MODULES if name.startswith("tci.lab.")])
+def test_the_lab_does_not_import_the_command_line(name: str) -> None:
+    assert "cli" not in folders(name)
 
 
 @pytest.mark.parametrize("name", ["yarpwire", *WIRE_MODULES])

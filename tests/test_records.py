@@ -10,10 +10,10 @@ from typing import Generic, TypeVar
 import numpy as np
 import pytest
 
-from tci.contacts import Contact, Contacts
 from tci.gate.safe_command import SafeCommand
 from tci.messages import GenericCommand, Perception, SkinFrame, SkinState
-from tci.records import quick
+from tci.messages.contacts import Contact, Contacts
+from tci.support.records import quick
 
 T = TypeVar("T")
 

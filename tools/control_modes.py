@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import tci
-from tci.frames import Array
+from tci.messages.frames import Array
 
 ROBOT, SERVO = "nao", "LShoulderPitch"
 DARK, ACCENT, PALE = "#1d2733", "#c8452f", "#9aa7b4"

@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tci.authoring.calibrate_skin import calibrate
-from tci.authoring.live_channels import live_channels
+from tci.lab.authoring.calibrate_skin import calibrate
+from tci.lab.authoring.live_channels import live_channels
 from tci.messages import SkinFrame
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Patch, Sensor, Table

@@ -13,10 +13,10 @@ from PIL import Image, ImageSequence
 import tci
 from tci.body.places import find_place
 from tci.drivers.simulated import SimulatedDriver
-from tci.pictures.camera import fit, look_at
-from tci.pictures.film import LAST, SHOWN, Film
-from tci.pictures.paint import FULL_SCALE, field_looks
-from tci.pictures.portrait import Portrait, keep_moment
+from tci.lab.pictures.camera import fit, look_at
+from tci.lab.pictures.film import LAST, SHOWN, Film
+from tci.lab.pictures.paint import FULL_SCALE, field_looks
+from tci.lab.pictures.portrait import Portrait, keep_moment
 from tci.robot.generic_fingers import FLEXIONS
 from tci.simulation.world import World
 from tci.skin.skin import Skin

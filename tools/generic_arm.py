@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.generic_arm import JOINTS, Side, forearm_rotation, side_sign, upper_arm_rotation
 
 UPPER, LOWER, HAND = 0.28, 0.25, 0.09

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from tci.errors import TciError
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.description import GenericPart, Robot
 from tci.robot.joint_map import joint_map
 from tci.robot.kinematics import bare_model

@@ -32,9 +32,9 @@ import tci
 from tci.body.places import find_place
 from tci.cli.main import app
 from tci.cli.view import SIMULATED
-from tci.pictures.film import Film
-from tci.viewer.app import Viewer
-from tci.viewer.session import Session
+from tci.lab.pictures.film import Film
+from tci.lab.viewer.app import Viewer
+from tci.lab.viewer.session import Session
 
 ROOT = Path(__file__).resolve().parent.parent
 IMAGES = ROOT / "docs" / "images"

@@ -16,8 +16,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from tci.commissioning.plausibility import doubts
 from tci.errors import TciError
+from tci.lab.commissioning.plausibility import doubts
 from tci.robot.catalogue import load_robot
 from tci.robot.description import GenericPart, Patch, Robot, Servo
 from tci.robot.kinematics import KinematicChain, bare_model

@@ -15,23 +15,23 @@ import zenoh
 from numpy.typing import NDArray
 
 import tci
-from tci.drivers.lcm import encoding as remote_lcm
-from tci.drivers.lcm.driver import _Bus
-from tci.drivers.player.wire import OPAQUE, STATE, Kind, Message, Stream, blob, to_blob
 from tci.drivers.remote import encoding as remote_cdr
 from tci.drivers.remote.address import parse_remote
 from tci.drivers.remote.protocol import SessionFrame
-from tci.drivers.ros.messages import BYTES, NO_LAYOUT
-from tci.drivers.ros.node import RosNode
-from tci.drivers.ros.ros1 import Ros1Node
-from tci.drivers.ros.ros2 import open_node
-from tci.drivers.ros.rosbridge import RosbridgeNode
-from tci.drivers.unitree.messages import HAND_STATE
-from tci.drivers.unitree.node import UnitreeNode, latest
-from tci.drivers.unitree.wire import MOTOR_STATE, PRESS, encode_hand
-from tci.drivers.zenoh.driver import QOS
-from tci.drivers.zenoh.session import close_session, open_session, parse_address
 from tci.messages import SkinFrame
+from tci.wires.lcm import encoding as remote_lcm
+from tci.wires.lcm.driver import _Bus
+from tci.wires.player.wire import OPAQUE, STATE, Kind, Message, Stream, blob, to_blob
+from tci.wires.ros.messages import BYTES, NO_LAYOUT
+from tci.wires.ros.node import RosNode
+from tci.wires.ros.ros1 import Ros1Node
+from tci.wires.ros.ros2 import open_node
+from tci.wires.ros.rosbridge import RosbridgeNode
+from tci.wires.unitree.messages import HAND_STATE
+from tci.wires.unitree.node import UnitreeNode, latest
+from tci.wires.unitree.wire import MOTOR_STATE, PRESS, encode_hand
+from tci.wires.zenoh.driver import QOS
+from tci.wires.zenoh.session import close_session, open_session, parse_address
 from yarpwire.dialect import DIALECTS
 from yarpwire.errors import PortError
 from yarpwire.names import Names

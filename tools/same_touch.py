@@ -9,7 +9,7 @@ import numpy as np
 
 import tci
 from tci.body.generic_body import GenericBody
-from tci.experiments.same_touch import PROBES, Arm, places_on
+from tci.lab.experiments.same_touch import PROBES, Arm, places_on
 from tci.skin.contacts import weighted_force
 
 ROBOTS = ("nao", "icub", "g1", "talos", "alex")

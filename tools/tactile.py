@@ -12,8 +12,8 @@ import tci
 from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
 from tci.body.tactile import FRICTION, contact_shape, pressure_image, shear_force, touch_events
+from tci.lab.pictures.pressure_png import pressure_pixels
 from tci.messages import Reading
-from tci.pictures.pressure_png import pressure_pixels
 from tci.simulation.world import World
 
 PATCH, TAXEL = "left_forearm", 130

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import tci
-from tci.frames import Array
+from tci.messages.frames import Array
 
 ROBOT, PATCH, TAXEL = "nao", "left_forearm", 150
 LIGHT, DARK, ACCENT = "#f3f6f8", "#1d2733", "#c8452f"

@@ -24,8 +24,8 @@ from judge_proposal import complaints
 from report import TABLES, commit, markdown, out
 from try_robots import NO_MESHES, _tci, exported, of_package
 
-from tci.experiments.grasp import try_grasp
-from tci.frames import Array
+from tci.lab.experiments.grasp import try_grasp
+from tci.messages.frames import Array
 from tci.robot.xml import read_robot
 
 TABLE = TABLES / "hands-tried.md"

@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from joint_touch.bare import FOREARM, UPPER_ARM, bare_body
 from joint_touch.trials import NEWTON, pushed
-from tci.frames import Array
+from tci.messages.frames import Array
 
 PUSHES = 24
 

@@ -10,7 +10,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from tci.learning.registration import register_when_imported as _register_when_imported
+from tci.learn.registration import register_when_imported as _register_when_imported
 
 if TYPE_CHECKING:
     from tci.body.generic_body import BodySettings as BodySettings
@@ -37,11 +37,6 @@ if TYPE_CHECKING:
     from tci.capabilities.play_gesture import PlayGesture as PlayGesture
     from tci.capabilities.soft_reaction import SoftReaction as SoftReaction
     from tci.capabilities.withdrawal import WithdrawalReflex as WithdrawalReflex
-    from tci.clock import ManualClock as ManualClock
-    from tci.clock import MonotonicClock as MonotonicClock
-    from tci.clock import ticks as ticks
-    from tci.commissioning.doctor import judge as judge
-    from tci.commissioning.streams import observe as observe
     from tci.drivers.driver import Driver as Driver
     from tci.drivers.info import DriverInfo as DriverInfo
     from tci.drivers.registry import connect as connect
@@ -58,7 +53,6 @@ if TYPE_CHECKING:
     from tci.errors import TciError as TciError
     from tci.errors import UnknownNameError as UnknownNameError
     from tci.errors import WireError as WireError
-    from tci.experiments.follow import follow as follow
     from tci.exports.facts import query as query
     from tci.exports.urdf import to_urdf as to_urdf
     from tci.gate.gate import Gate as Gate
@@ -66,7 +60,11 @@ if TYPE_CHECKING:
     from tci.gestures.files import read_csv as read_csv
     from tci.gestures.gesture import Gesture as Gesture
     from tci.gestures.gesture import fit as fit
-    from tci.learning.simulate import simulate as simulate
+    from tci.lab.commissioning.doctor import judge as judge
+    from tci.lab.commissioning.streams import observe as observe
+    from tci.lab.experiments.follow import follow as follow
+    from tci.lab.pictures.pressure_png import write_png as write_png
+    from tci.learn.simulate import simulate as simulate
     from tci.messages import CartesianCommand as CartesianCommand
     from tci.messages import Contact as Contact
     from tci.messages import Contacts as Contacts
@@ -83,7 +81,9 @@ if TYPE_CHECKING:
     from tci.messages import SkinState as SkinState
     from tci.messages import Support as Support
     from tci.messages import SwitchMode as SwitchMode
-    from tci.pictures.pressure_png import write_png as write_png
+    from tci.messages.clock import ManualClock as ManualClock
+    from tci.messages.clock import MonotonicClock as MonotonicClock
+    from tci.messages.clock import ticks as ticks
     from tci.reasons import Code as Code
     from tci.reasons import Notice as Notice
     from tci.reasons import Reason as Reason
@@ -140,13 +140,13 @@ _NAMES = {
     "tci.capabilities.play_gesture": ("PlayGesture",),
     "tci.capabilities.soft_reaction": ("SoftReaction",),
     "tci.capabilities.withdrawal": ("WithdrawalReflex",),
-    "tci.clock": (
+    "tci.messages.clock": (
         "ManualClock",
         "MonotonicClock",
         "ticks",
     ),
-    "tci.commissioning.doctor": ("judge",),
-    "tci.commissioning.streams": ("observe",),
+    "tci.lab.commissioning.doctor": ("judge",),
+    "tci.lab.commissioning.streams": ("observe",),
     "tci.drivers.driver": ("Driver",),
     "tci.drivers.info": ("DriverInfo",),
     "tci.drivers.registry": (
@@ -167,7 +167,7 @@ _NAMES = {
         "UnknownNameError",
         "WireError",
     ),
-    "tci.experiments.follow": ("follow",),
+    "tci.lab.experiments.follow": ("follow",),
     "tci.exports.facts": ("query",),
     "tci.exports.urdf": ("to_urdf",),
     "tci.gate.gate": (
@@ -179,7 +179,7 @@ _NAMES = {
         "Gesture",
         "fit",
     ),
-    "tci.learning.simulate": ("simulate",),
+    "tci.learn.simulate": ("simulate",),
     "tci.messages": (
         "CartesianCommand",
         "Contact",
@@ -198,7 +198,7 @@ _NAMES = {
         "Support",
         "SwitchMode",
     ),
-    "tci.pictures.pressure_png": ("write_png",),
+    "tci.lab.pictures.pressure_png": ("write_png",),
     "tci.reasons": (
         "Code",
         "Notice",

@@ -110,7 +110,7 @@ class RecordingError(TciError):
 
 
 class MissingExtraError(TciError):
-    """Missing package. The message, composed by `tci.installed`, contains the command to install the
+    """Missing package. The message, composed by `tci.support.installed`, contains the command to install the
     package."""
 
     def __init__(self, what: str, missing: str, advice: str) -> None:

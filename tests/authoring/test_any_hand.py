@@ -12,9 +12,9 @@ import pytest
 import made_hands
 from made_hands import Chain, tips, with_hands
 from made_humanoid import MadeHumanoid
-from tci.authoring.proposal import propose
 from tci.errors import DescriptionError
-from tci.frames import Array
+from tci.lab.authoring.proposal import propose
+from tci.messages.frames import Array
 from tci.robot.description import Robot
 from tci.robot.generic_fingers import JOINTS
 from tci.robot.joint_map import initial_position, joint_map

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from skin_data import SkinData
-from tci.authoring.calibrate_force import BLOCK, calibrate_to_force, fit_force, fit_recording
-from tci.authoring.force_log import read_force_log
 from tci.errors import TciError
+from tci.lab.authoring.calibrate_force import BLOCK, calibrate_to_force, fit_force, fit_recording
+from tci.lab.authoring.force_log import read_force_log
 from tci.recording.yarp_log import read_yarp_log
 from tci.robot.description import Sensor
 from tci.robot.skin_files.calibration import PatchCalibration

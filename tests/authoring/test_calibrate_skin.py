@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from skin.long_skin import COLUMNS, ROWS, TAXELS, bump, conditioner, sensor
-from tci.authoring.calibrate_skin import Load, calibrate
-from tci.authoring.load_skin import _compare
 from tci.errors import TciError
+from tci.lab.authoring.calibrate_skin import Load, calibrate
+from tci.lab.authoring.load_skin import _compare
 from tci.robot.description import Sensor
 from tci.robot.skin_files.calibration import PatchCalibration
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tci.authoring.dense_skin import with_dense_skin
 from tci.errors import TciError
+from tci.lab.authoring.dense_skin import with_dense_skin
 from tci.robot.catalogue import load_robot
 from tci.skin.skin import Skin
 

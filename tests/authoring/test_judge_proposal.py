@@ -11,7 +11,7 @@ from types import ModuleType
 import pytest
 
 from made_humanoid import MadeHumanoid
-from tci.authoring.proposal import propose
+from tci.lab.authoring.proposal import propose
 from tci.robot.description import GenericPart, Robot
 
 TOOL = Path(__file__).parents[2] / "tools" / "judge_proposal.py"

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from skin_data import SkinData
-from tci.authoring.live_channels import live_channels
 from tci.errors import TciError
+from tci.lab.authoring.live_channels import live_channels
 from tci.robot.skin_files.file import read_skin_file
 
 

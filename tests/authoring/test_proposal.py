@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tci.authoring.proposal import propose
 from tci.errors import DescriptionError
-from tci.frames import rotation_rpy, rpy_of
+from tci.lab.authoring.proposal import propose
+from tci.messages.frames import rotation_rpy, rpy_of
 from tci.robot.catalogue import load_robot
 from tci.robot.description import TruncatedCone
 from tci.robot.xml import read_robot

@@ -12,10 +12,10 @@ from tci.body.cartesian import Reach, reach_of
 from tci.body.generic_body import GenericBody, order_to_platform
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, UnknownNameError
-from tci.experiments.same_stimulus import initial_joints
 from tci.exports.facts import query, read_facts
-from tci.frames import Array, apply, invert, transform
+from tci.lab.experiments.same_stimulus import initial_joints
 from tci.messages import CartesianCommand, JointReading, PlatformCommand
+from tci.messages.frames import Array, apply, invert, transform
 from tci.reasons import Code
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot

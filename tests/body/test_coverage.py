@@ -11,8 +11,8 @@ from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
 from tci.capabilities.fields import default_fields
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.frames import Array
 from tci.messages import JointReading, Landmark, LimbPlace, Perception, Reading, SkinFrame
+from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.robot.joint_map import joint_map
 from tci.robot.limb import generic_limb_distance

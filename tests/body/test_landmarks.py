@@ -10,8 +10,8 @@ import pytest
 from capabilities.touches import touch
 from tci.body.generic_body import GenericBody
 from tci.errors import TciError
-from tci.frames import Array, rotation_rpy
 from tci.messages import Contact, Landmark, Site
+from tci.messages.frames import Array, rotation_rpy
 from tci.robot.catalogue import load_robot
 from tci.robot.description import TruncatedCone
 from tci.robot.joint_map import initial_position

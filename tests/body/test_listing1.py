@@ -9,7 +9,7 @@ import pytest
 from gate.gate_checks import Driven, make_robot, position_command
 from tci.body.posture import to_platform
 from tci.errors import CommandError
-from tci.experiments.same_stimulus import initial_joints
+from tci.lab.experiments.same_stimulus import initial_joints
 from tci.messages import GenericCommand, Mode
 from tci.robot.catalogue import load_robot
 from tci.robot.description import GenericServo, Robot

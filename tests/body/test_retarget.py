@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from tci.body.posture import to_platform
 from tci.body.retarget import Retargeted, angle_between, retarget, with_retargeting
 from tci.errors import CommandError
-from tci.frames import Array
 from tci.messages import GenericCommand, Mode
+from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.robot.generic_arm import forearm_rotation, upper_arm_rotation

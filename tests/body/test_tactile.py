@@ -13,8 +13,8 @@ from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
 from tci.body.tactile import contact_shape, pressure_image, shear_force, touch_events
 from tci.errors import TciError
-from tci.frames import read_only
 from tci.messages import JointReading, Perception, Reading, SkinFrame
+from tci.messages.frames import read_only
 from tci.robot.joint_map import initial_position
 
 PATCH = "left_forearm"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tci.capabilities.fields import ReceptiveField
-from tci.frames import Array, read_only
+from tci.messages.frames import Array, read_only
 from tci.robot.generic_arm import (
     Side,
     limb_direction,

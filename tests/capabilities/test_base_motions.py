@@ -14,7 +14,7 @@ import pytest
 
 from capabilities.ideal_arm import COMMON_RANGE, ICUB, INITIAL, NAO, IdealArm
 from tci.capabilities.fields import ReceptiveField, default_fields
-from tci.frames import Array, angle_between
+from tci.messages.frames import Array, angle_between
 from tci.robot.generic_arm import JOINTS, Side
 
 FIELDS = default_fields()

@@ -18,8 +18,8 @@ from tci.capabilities.behaviour_tree import BehaviourTree, Reflex, Task
 from tci.capabilities.capability import Capability
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
-from tci.frames import Array
 from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode
+from tci.messages.frames import Array
 from tci.runtime.loop import Tick, run
 
 

@@ -14,8 +14,8 @@ from tci.body.generic_body import GenericBody
 from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
 from tci.capabilities.fields import BODY_JOINTS, BodyFields, default_body_fields, load_body_fields
 from tci.errors import DescriptionError, TciError
-from tci.frames import Array
 from tci.messages import Contact, Contacts, GenericCommand, Landmark, Perception, Support
+from tci.messages.frames import Array
 
 POSTURE = {"head": np.zeros(3), "torso": np.zeros(3), "left_leg": np.zeros(6), "left_arm": np.zeros(5)}
 FACE = default_body_fields().field[0]

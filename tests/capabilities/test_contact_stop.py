@@ -14,8 +14,8 @@ from tci.capabilities.contact_stop import ContactStop
 from tci.capabilities.fields import default_fields
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
-from tci.frames import read_only
 from tci.messages import CartesianCommand, Command, GenericCommand, Mode, Perception, SwitchMode
+from tci.messages.frames import read_only
 from tci.robot.catalogue import load_robot
 from tci.runtime.loop import run
 from tci.simulation.world import World

@@ -13,10 +13,10 @@ import tci
 from made_hands import with_hands
 from made_humanoid import MadeHumanoid
 from pressing import RISE, press
-from tci.authoring.proposal import propose
 from tci.capabilities.light_grasp import Grips, LightGrasp
 from tci.errors import TciError
-from tci.experiments.grasp import try_grasp
+from tci.lab.authoring.proposal import propose
+from tci.lab.experiments.grasp import try_grasp
 from tci.messages import GenericCommand
 from tci.robot.description import Robot
 from tci.robot.generic_fingers import FLEXIONS

@@ -12,8 +12,8 @@ from capabilities.touches import BODY, POSTURE, body_that, one_field, poke, see
 from tci.body.generic_body import GenericBody
 from tci.capabilities.soft_reaction import SoftReaction
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.frames import Array
 from tci.messages import Contact, Contacts, Mode, Perception
+from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.testing import perception
 

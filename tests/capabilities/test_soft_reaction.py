@@ -13,9 +13,9 @@ from tci.capabilities.soft_reaction import SoftReaction
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, TciError
-from tci.experiments.poke import Stimulus, Trace, poke
-from tci.frames import Array, apply, read_only
+from tci.lab.experiments.poke import Stimulus, Trace, poke
 from tci.messages import Contact, GenericCommand, Mode
+from tci.messages.frames import Array, apply, read_only
 from tci.robot.catalogue import load_robot
 from tci.runtime.loop import Tick, run
 from tci.simulation.world import World

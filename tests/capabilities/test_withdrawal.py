@@ -18,9 +18,9 @@ from tci.capabilities.fields import ReceptiveField, default_fields
 from tci.capabilities.withdrawal import WithdrawalMemory, WithdrawalReflex
 from tci.capabilities.withdrawal_memory import Withdrawal
 from tci.errors import CommandError, TciError
-from tci.frames import Array
 from tci.gate.gate import Gate
 from tci.messages import Contact, JointReading, Mode, Perception
+from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.robot.joint_map import generic_posture
 from tci.robot.limb import generic_limb_distance

@@ -20,10 +20,10 @@ from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.capabilities.withdrawal_memory import Refusal
 from tci.errors import CommandError
 from tci.gestures.gesture import Gesture, fit
+from tci.lab.viewer.steered import Steered
 from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode
 from tci.robot.catalogue import load_robot
 from tci.testing import perception
-from tci.viewer.steered import Steered
 
 T = np.linspace(0.0, 1.0, 21)
 STILL = Gesture(T, {"left_arm": np.deg2rad(np.array([25.0, 25, 0, 60, 0]) + np.zeros((21, 1)))})

@@ -10,8 +10,8 @@ import numpy as np
 
 from tci.body.generic_body import GenericBody
 from tci.capabilities.fields import ReceptiveField
-from tci.frames import Array, read_only
 from tci.messages import Contact, Contacts, Mode, Perception, Site
+from tci.messages.frames import Array, read_only
 from tci.robot.catalogue import load_robot
 from tci.skin.contacts import single_contact
 

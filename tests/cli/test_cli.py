@@ -15,8 +15,8 @@ import pytest
 from tci.cli.console import console
 from tci.cli.demo import _touches
 from tci.cli.main import main
-from tci.experiments.same_touch import SameTouch
 from tci.exports.facts import query, read_facts
+from tci.lab.experiments.same_touch import SameTouch
 from tci.robot.catalogue import load_robot
 
 ROOT = Path(__file__).parent.parent.parent

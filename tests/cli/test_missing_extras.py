@@ -15,8 +15,8 @@ import pytest
 from tci.cli.demo import demo
 from tci.drivers.registry import driver_names
 from tci.errors import TciError
-from tci.installed import advice
 from tci.robot.generic_arm import JOINTS
+from tci.support.installed import advice
 
 ROOT = Path(__file__).parents[2]
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
@@ -61,7 +61,7 @@ ALONE = {
     "log import bag a.mcap nao": "ros2",
     "new-robot arm.urdf": "robots",
     "run tci.capabilities.behaviour_tree:BehaviourTree nao": "behaviours",
-    "run tci.learning.withdrawal_env:WithdrawalEnv nao": "gym",
+    "run tci.learn.withdrawal_env:WithdrawalEnv nao": "gym",
 }
 CASES = {
     **{
@@ -147,7 +147,7 @@ def test_a_demo_looks_first_for_what_serves_it(
 ) -> None:
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")
     monkeypatch.setattr(
-        "tci.experiments.experiment.run_experiment", lambda *words, **options: pytest.fail("trials begin")
+        "tci.lab.experiments.experiment.run_experiment", lambda *words, **options: pytest.fail("trials begin")
     )
     with pytest.raises(TciError, match=told):
         demo(["nao"], out=tmp_path / "out", via=via, headless=True)

@@ -17,10 +17,10 @@ from cli.test_cli import tci as told_by
 from tci.body.generic_body import GenericBody
 from tci.cli.run import run_capability
 from tci.drivers.driver import Driver
-from tci.drivers.faults.fault_list import FAULTS
-from tci.drivers.faults.injectors import INJECTORS
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, UnknownNameError
+from tci.lab.faults.fault_list import FAULTS
+from tci.lab.faults.injectors import INJECTORS
 from tci.messages import Landmark
 from tci.robot.catalogue import load_robot
 from tci.runtime.arguments import load_capability
@@ -270,7 +270,7 @@ def test_a_wrong_name_of_a_robot_is_said_before_any_loop_is_compiled() -> None:
         "try:\n"
         "    main()\n"
         "finally:\n"
-        "    print('tci.compiled' in sys.modules)\n"
+        "    print('tci.support.compiled' in sys.modules)\n"
     )
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert "naoo" in run.stderr
@@ -295,7 +295,7 @@ def test_why_a_touched_leg_stays_is_told_once(
         place = GenericBody(driver.robot).landmark("left_leg", Landmark("shank", (1.0, 0.0, 0.0)))
         driver.world.finger.poke(place.patch, place.p_L, place.n_L)
 
-    monkeypatch.setattr("tci.runtime.session.poke_forearm", poke_the_shin)
+    monkeypatch.setattr("tci.cli.session.poke_forearm", poke_the_shin)
     run_capability("body-withdrawal", "nao-whole", duration=0.4, poke=True, as_json=True)
     told = json.loads(capsys.readouterr().out)
     notes = [event["words"] for event in told["events"] if event["kind"] == "NOTE"]

@@ -11,8 +11,8 @@ import tci
 from runtime.test_serve import Desk, turn_head
 from tci.cli.serve import serve
 from tci.drivers import registry
-from tci.drivers.faults.fault_injector import FaultInjector, parse_fault
 from tci.drivers.simulated import SimulatedDriver
+from tci.lab.faults.fault_injector import FaultInjector, parse_fault
 from tci.reasons import MOST
 
 AWAY = 400

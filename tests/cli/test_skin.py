@@ -13,10 +13,10 @@ from typer.testing import CliRunner
 
 from made_skins import LENGTH, RIPPLE, SKINS
 from skin_data import SkinData, cone_file
-from tci.authoring.skin_map import best_cone, skin_cone, unroll
-from tci.authoring.skin_picture import maps
 from tci.cli.main import app
 from tci.errors import CommandError, DescriptionError, TciError
+from tci.lab.authoring.skin_map import best_cone, skin_cone, unroll
+from tci.lab.authoring.skin_picture import maps
 from tci.robot.skin_files.file import read_skin_file
 
 FOREARM = (np.cos(np.deg2rad(15.0)), 0.0, np.sin(np.deg2rad(15.0)))

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 import tci.robot
 from felt_skin import FeltSkin
 from tci.cli.main import app
+from tci.cli.session import recorder_for
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DescriptionError, TciError
 from tci.messages import JointReading, Reading
@@ -24,7 +25,6 @@ from tci.robot.joint_map import initial_position
 from tci.robot.json_file import read_json
 from tci.robot.skin_files.calibration import SkinCalibration
 from tci.robot.xml import read_robot
-from tci.runtime.session import recorder_for
 from tci.simulation.world import World
 
 NAO = Path(tci.robot.__file__).parent / "robots" / "nao"
@@ -175,7 +175,7 @@ def test_bad_arguments_write_nothing(tmp_path: Path) -> None:
 def test_a_place_where_nothing_can_be_written_is_known_before_anybody_lifts_a_weight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tci.authoring.load_skin.connect", None)
+    monkeypatch.setattr("tci.lab.authoring.load_skin.connect", None)
     out = tmp_path / "none" / "x.json"
     with pytest.raises(TciError, match=r"x\.json can't be written; valid: --out FILE"):
         run("nao", "--patch", "left_forearm", "--weight", "1", "--out", str(out))

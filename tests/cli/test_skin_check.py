@@ -12,11 +12,11 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from skin_data import SkinData
-from tci.authoring.check_skin import check_skins
-from tci.authoring.registration import link_surface, register
 from tci.cli import skin_check
 from tci.cli.main import app
-from tci.frames import apply, rotation_rpy, transform
+from tci.lab.authoring.check_skin import check_skins
+from tci.lab.authoring.registration import link_surface, register
+from tci.messages.frames import apply, rotation_rpy, transform
 from tci.robot.catalogue import load_robot
 from tci.robot.skin_files.file import read_skin_file
 

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from tci.commissioning.expected_motion import ExpectedMotion
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
-from tci.frames import read_only
 from tci.gate.gate import SafeCommand
+from tci.lab.commissioning.expected_motion import ExpectedMotion
 from tci.messages import Reading
+from tci.messages.frames import read_only
 from tci.robot.description import Robot
 from tci.robot.joint_map import generic_posture
 from tci.robot.kinematics import KinematicChain

@@ -12,10 +12,10 @@ import tci
 from faults.felt import NoisySkin
 from gate.hostile import Judge
 from tci.body.generic_body import GenericBody
-from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
-from tci.drivers.faults.injectors import INJECTORS
 from tci.errors import CommandError
 from tci.gate.gate import GateState
+from tci.lab.faults.fault_injector import FaultInjector, FaultPlan
+from tci.lab.faults.injectors import INJECTORS
 from tci.messages import CONTROL_MODES, GenericCommand, Mode, Order, Perception, SwitchMode
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tci.commissioning.doctor import judge
-from tci.commissioning.machine import _delays, examine_machine
-from tci.commissioning.streams import observe
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DriverError
-from tci.frames import read_only
 from tci.gate.gate import SafeCommand
+from tci.lab.commissioning.doctor import judge
+from tci.lab.commissioning.machine import _delays, examine_machine
+from tci.lab.commissioning.streams import observe
 from tci.messages import JointReading, Reading, SkinFrame
+from tci.messages.frames import read_only
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.simulation.world import World

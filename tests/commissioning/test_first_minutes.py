@@ -14,12 +14,12 @@ from rich.console import Console
 from commissioning.crossed import Crossed, Witness, world_of
 from drivers.served import needs_qi
 from tci.cli.hardware import Simulation
-from tci.commissioning.first_minutes import first_minutes, wanted
-from tci.commissioning.hardware import MOST
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver
 from tci.drivers.registry import connect, open_server
 from tci.errors import UnknownNameError
+from tci.lab.commissioning.first_minutes import first_minutes, wanted
+from tci.lab.commissioning.hardware import MOST
 from tci.robot.catalogue import load_robot
 from tci.runtime.serve import serve
 

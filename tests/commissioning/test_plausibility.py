@@ -14,9 +14,9 @@ import pytest
 
 from cli.test_cli import tci
 from made_humanoid import MadeHumanoid
-from tci.authoring.proposal import propose
-from tci.commissioning.both_sides import posture_doubts
-from tci.commissioning.plausibility import doubts, mirrored_limits
+from tci.lab.authoring.proposal import propose
+from tci.lab.commissioning.both_sides import posture_doubts
+from tci.lab.commissioning.plausibility import doubts, mirrored_limits
 from tci.robot.catalogue import load_robot
 from tci.robot.description import GenericPart
 from tci.robot.xml.writer import write_robot

@@ -19,7 +19,7 @@ from collections import Counter
 from pathlib import Path
 
 from drivers.rosbridge_exchange import narrow
-from tci.drivers.player.wire import GREETING, PLAYER, SUBSCRIBE, Kind, Message, Stream, to_access
+from tci.wires.player.wire import GREETING, PLAYER, SUBSCRIBE, Kind, Message, Stream, to_access
 
 MOST_DATA = 20
 """Largest number of recorded data messages of each device."""

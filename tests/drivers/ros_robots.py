@@ -19,12 +19,12 @@ import tci
 from peers import needs_debian_module
 from tci.drivers.driver import Driver
 from tci.drivers.registry import connect
-from tci.drivers.ros.messages import BYTES, NO_LAYOUT
-from tci.drivers.ros.node import RosNode
 from tci.gate.safe_command import GateState
 from tci.messages import Reading
 from tci.recording.schemas import JOINTS
 from tci.robot.joint_map import initial_position
+from tci.wires.ros.messages import BYTES, NO_LAYOUT
+from tci.wires.ros.node import RosNode
 
 PATCHES = {patch.name: patch.channels for patch in tci.load_robot("nao").patches}
 Start = Callable[..., "subprocess.Popen[str]"]

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import tci
-from tci.clock import ManualClock
 from tci.drivers.remote.commanders import LEASE, CommandArbiter
 from tci.drivers.remote.protocol import MOST_COMMANDERS, Orders
 from tci.gate.gate import Gate, SafeCommand
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
+from tci.messages.clock import ManualClock
 from tci.reasons import Code, Reason
 from tci.robot.joint_map import initial_position
 

@@ -24,12 +24,12 @@ from drivers.namespaces import HERE
 from drivers.ros_robots import anywhere, roscore
 from drivers.served import needs_qi
 from drivers.wires import free_port
-from tci.drivers.own_sockets import ConnectionMonitor, listening
-from tci.drivers.player.client import Client
-from tci.drivers.player.server import PlayerServer
 from tci.drivers.simulated import SimulatedDriver
-from tci.drivers.zenoh.session import close_session, open_session, parse_address
-from tci.viewer.guard import close_server, open_server
+from tci.lab.viewer.guard import close_server, open_server
+from tci.shared.own_sockets import ConnectionMonitor, listening
+from tci.wires.player.client import Client
+from tci.wires.player.server import PlayerServer
+from tci.wires.zenoh.session import close_session, open_session, parse_address
 from yarpwire.connection_limit import MOST, PATIENCE, AcceptedConnection, ConnectionLimit, surplus
 from yarpwire.dialect import V3
 from yarpwire.name_server import NameServer

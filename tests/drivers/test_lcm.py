@@ -21,9 +21,11 @@ from drivers.patient import patient
 from drivers.test_remote_cdr import FRAME, NAO, ORDERS, STATE, plain
 from drivers.wires import Lcm, lcm_url
 from peers import needs_program
-from tci.clock import ManualClock
 from tci.drivers.driver import Driver
-from tci.drivers.lcm.datagrams import (
+from tci.errors import DriverError, FrameError
+from tci.gate.safe_command import GateState
+from tci.messages.clock import ManualClock
+from tci.wires.lcm.datagrams import (
     LONGEST,
     PATIENCE,
     PIECE,
@@ -33,8 +35,8 @@ from tci.drivers.lcm.datagrams import (
     Transmitter,
     parse_url,
 )
-from tci.drivers.lcm.driver import LcmDriver
-from tci.drivers.lcm.encoding import (
+from tci.wires.lcm.driver import LcmDriver
+from tci.wires.lcm.encoding import (
     frame_bytes,
     orders_bytes,
     state_bytes,
@@ -42,9 +44,7 @@ from tci.drivers.lcm.encoding import (
     to_skin,
     to_state,
 )
-from tci.drivers.lcm.tci_lcm import orders_t, state_t
-from tci.errors import DriverError, FrameError
-from tci.gate.safe_command import GateState
+from tci.wires.lcm.tci_lcm import orders_t, state_t
 
 TYPES = Path(tci.__file__).parent / "drivers" / "lcm" / "tci_lcm"
 WHOLE = [
@@ -70,7 +70,7 @@ def pieces(number: int, body: bytes, count: int) -> list[bytes]:
 
 def test_types_are_those_that_lcm_gen_makes(tmp_path: Path) -> None:
     generator = Path(sys.executable).with_name("lcm-gen")
-    options = ["-p", "--package-prefix", "tci.drivers.lcm", "--ppath", str(tmp_path)]
+    options = ["-p", "--package-prefix", "tci.wires.lcm", "--ppath", str(tmp_path)]
     subprocess.run([generator, *options, TYPES / "tci.lcm"], check=True)
     made = tmp_path / "tci" / "drivers" / "lcm" / "tci_lcm"
     assert (

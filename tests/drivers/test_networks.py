@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from drivers.namespaces import HERE, ROUTER, Network, needs_namespaces
-from tci.drivers.zenoh.secure import write_files
+from tci.wires.zenoh.secure import write_files
 
 PORT = 7447
 SILENCE = "0.08"

@@ -21,17 +21,17 @@ import tci
 from drivers.player_exchange import RecordedServer, gist, read, said
 from drivers.rosbridge_exchange import narrow
 from felt_skin import FeltSkin
-from tci.drivers.player import wire
-from tci.drivers.player.client import parse
-from tci.drivers.player.driver import FRAMES, STATES
-from tci.drivers.player.server import MOST_OWED, PlayerServer
-from tci.drivers.player.wire import ACTARRAY, OPAQUE, Kind, Message, Stream
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DriverError, FrameError
 from tci.gate.safe_command import GateState
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.joint_map import initial_position
 from tci.runtime.serve import serve
+from tci.wires.player import wire
+from tci.wires.player.client import parse
+from tci.wires.player.driver import FRAMES, STATES
+from tci.wires.player.server import MOST_OWED, PlayerServer
+from tci.wires.player.wire import ACTARRAY, OPAQUE, Kind, Message, Stream
 from yarpwire.outgoing import is_readable
 
 DECODERS = (wire.to_floats, wire.to_blob, wire.to_actuators, wire.to_devices, wire.to_access)

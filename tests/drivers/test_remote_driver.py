@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import tci
-from tci.clock import ManualClock
 from tci.drivers.remote.driver import WINDOW, RemoteDriver
 from tci.drivers.remote.protocol import Commander, Orders, SessionFrame, State
 from tci.errors import DriverError
 from tci.gate.safe_command import GateState, SafeCommand
 from tci.messages import JointReading, PlatformOrder
+from tci.messages.clock import ManualClock
 from tci.reasons import Code, Reason
 from tci.robot.joint_map import initial_position
 

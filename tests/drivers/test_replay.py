@@ -18,10 +18,10 @@ from tci.errors import DriverError, RecordingError
 from tci.reasons import Code, Reason
 from tci.recording.recorder import Recorder
 from tci.recording.recording import Recording
+from tci.recording.rosmsg.cdr import decode, encode
 from tci.recording.schemas import DECISION
 from tci.recording.topics import Topics
 from tci.robot.catalogue import load_robot
-from tci.rosmsg.cdr import decode, encode
 from tci.runtime.loop import Tick, run
 
 REPLAY = """

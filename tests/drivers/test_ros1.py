@@ -29,10 +29,10 @@ from drivers.ros_robots import (
 )
 from peers import DEBIAN_PYTHON, needs_debian_module
 from tci.drivers.registry import connect
-from tci.drivers.ros.messages import TEXT
-from tci.drivers.ros.ros1 import NAMES, Ros1Node
 from tci.errors import DriverError
 from tci.exports.facts import query, read_facts
+from tci.wires.ros.messages import TEXT
+from tci.wires.ros.ros1 import NAMES, Ros1Node
 
 HERE = Path(__file__).parent
 SERVE = (sys.executable, "-m", "tci.cli.main", "serve", "nao", "--duration", "120", "--via")

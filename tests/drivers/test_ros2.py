@@ -28,14 +28,14 @@ from drivers.ros_robots import (
 )
 from peers import peer_python
 from tci.drivers.registry import connect
-from tci.drivers.ros.messages import BYTES, TEXT, TRAJECTORY, VALUES
-from tci.drivers.ros.native import QUEUE
-from tci.drivers.ros.ros2_dds import DdsNode, _settings, type_hash
 from tci.errors import DriverError
 from tci.exports.facts import query, read_facts
 from tci.recording.schemas import CLOUD, JOINTS
 from tci.robot.description import Address, Robot
 from tci.robot.joint_map import initial_position
+from tci.wires.ros.messages import BYTES, TEXT, TRAJECTORY, VALUES
+from tci.wires.ros.native import QUEUE
+from tci.wires.ros.ros2_dds import DdsNode, _settings, type_hash
 
 HERE = Path(__file__).parent
 SERVE = (sys.executable, "-m", "tci.cli.main", "serve", "nao", "--duration", "120", "--via")

@@ -13,12 +13,12 @@ import pytest
 import tci
 from drivers.rosbridge_exchange import RecordedServer, exchange, narrow, plain
 from drivers.wires import free_port
-from tci.drivers.ros.messages import BYTES, NO_LAYOUT, TRAJECTORY
-from tci.drivers.ros.rosbridge import MOST_WAITING, RosbridgeNode, _get, _new, parse
-from tci.drivers.ros.tree import Trees
 from tci.errors import DriverError
 from tci.gate.safe_command import GateState
 from tci.recording.schemas import CLOUD, JOINTS, cloud_fields, header
+from tci.wires.ros.messages import BYTES, NO_LAYOUT, TRAJECTORY
+from tci.wires.ros.rosbridge import MOST_WAITING, RosbridgeNode, _get, _new, parse
+from tci.wires.ros.tree import Trees
 
 pytestmark = pytest.mark.xdist_group("rosbridge")
 

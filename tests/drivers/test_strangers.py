@@ -19,21 +19,21 @@ from drivers.namespaces import Network, needs_namespaces
 from drivers.test_remote_cdr import JOINTS, NAO, ORDERS
 from drivers.test_remote_driver import Wire
 from drivers.wires import Lcm, lcm_url
-from tci.drivers.lcm.datagrams import Receiver, Transmitter, parse_url
-from tci.drivers.lcm.driver import LcmDriver, LcmServer
-from tci.drivers.lcm.encoding import frame_bytes, orders_bytes, state_bytes
-from tci.drivers.own_sockets import on_loopback
 from tci.drivers.remote.commanders import LEASE
 from tci.drivers.remote.protocol import SessionFrame, State
 from tci.drivers.simulated import SimulatedDriver
 from tci.gate.safe_command import GateState, SafeCommand
 from tci.messages import SkinFrame
 from tci.reasons import Reason
+from tci.shared.own_sockets import on_loopback
+from tci.wires.lcm.datagrams import Receiver, Transmitter, parse_url
+from tci.wires.lcm.driver import LcmDriver, LcmServer
+from tci.wires.lcm.encoding import frame_bytes, orders_bytes, state_bytes
 
 pytestmark = [pytest.mark.timeout(240), pytest.mark.xdist_group("namespaces")]
 LISTEN = """
 import sys, time
-from tci.drivers.lcm.datagrams import Receiver
+from tci.wires.lcm.datagrams import Receiver
 receiver = Receiver(sys.argv[1])
 print("ready", flush=True)
 end, came = time.monotonic() + 5.0, 0
@@ -55,7 +55,7 @@ with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
 LOOK = """
 import os, time
 os.environ |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_STATIC_PEERS": "10.77.1.2"}
-from tci.drivers.ros.ros2 import open_node
+from tci.wires.ros.ros2 import open_node
 node, end, seen = open_node("stranger", ""), time.monotonic() + 10.0, ()
 while not seen and time.monotonic() < end:
     seen = node.types_of("/joint_states")

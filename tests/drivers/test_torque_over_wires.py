@@ -17,8 +17,8 @@ from drivers.wires import wire
 from tci.drivers.registry import open_server
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DriverError
-from tci.experiments.remote_trial import TrialDriver
 from tci.gate.safe_command import SafeCommand
+from tci.lab.experiments.remote_trial import TrialDriver
 from tci.messages import Mode, PlatformCommand, PlatformSwitch, Reading
 from tci.robot.description import Robot
 from tci.runtime.serve import serve

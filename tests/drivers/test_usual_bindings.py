@@ -13,13 +13,13 @@ import tci
 from drivers.wires import wire
 from tci.drivers.driver import Driver
 from tci.drivers.registry import connect, open_server, server_names
-from tci.drivers.ros.names import Names
 from tci.drivers.simulated import SimulatedDriver
-from tci.drivers.yarp.driver import YarpDriver
 from tci.errors import DriverError, UnknownNameError
-from tci.experiments.remote_trial import TrialDriver
+from tci.lab.experiments.remote_trial import TrialDriver
 from tci.robot.description import Address, Binding, Robot
 from tci.runtime.serve import serve
+from tci.wires.ros.names import Names
+from tci.wires.yarp.driver import YarpDriver
 
 OF_ONE_ROBOT = ("naoqi", "unitree")
 """Middleware that only one make of robots uses. It supports only robots with a binding to it."""

@@ -163,8 +163,8 @@ def test_no_driver_skips_the_constructor_of_its_base_class() -> None:
 
 
 def test_the_scan_knows_each_class_that_drivers_derive_from() -> None:
-    from tci.drivers.faults.fault_injector import FaultInjector
     from tci.drivers.registry import driver_names, load_driver
+    from tci.lab.faults.fault_injector import FaultInjector
 
     for name in driver_names():
         try:

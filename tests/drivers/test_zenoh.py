@@ -8,10 +8,10 @@ import tci
 from drivers.wires import free_port
 from tci.drivers.registry import open_server
 from tci.drivers.simulated import SimulatedDriver
-from tci.drivers.zenoh.driver import ZenohDriver, ZenohServer
-from tci.drivers.zenoh.session import close_session, open_session, parse_address
 from tci.errors import DriverError
 from tci.exports.facts import query, read_facts
+from tci.wires.zenoh.driver import ZenohDriver, ZenohServer
+from tci.wires.zenoh.session import close_session, open_session, parse_address
 
 
 @pytest.mark.parametrize(

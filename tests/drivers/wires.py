@@ -24,16 +24,16 @@ from drivers.served import needs_qi
 from drivers.unitree.domains import DOMAINS
 from peers import bindings_dialect
 from tci.drivers.driver import Driver
-from tci.drivers.lcm.datagrams import Transmitter
-from tci.drivers.ros.ros1 import Ros1Node
-from tci.drivers.ros.ros2_dds import DdsNode
-from tci.drivers.ros.rosbridge import RosbridgeNode, parse
 from tci.drivers.simulated import SimulatedDriver
-from tci.drivers.unitree.messages import STATE
-from tci.drivers.unitree.node import UnitreeNode
-from tci.drivers.unitree.wire import HEAD
-from tci.drivers.unitree.wire import STATE as STATE_RECORD
-from tci.drivers.zenoh.session import close_session, open_session, parse_address
+from tci.wires.lcm.datagrams import Transmitter
+from tci.wires.ros.ros1 import Ros1Node
+from tci.wires.ros.ros2_dds import DdsNode
+from tci.wires.ros.rosbridge import RosbridgeNode, parse
+from tci.wires.unitree.messages import STATE
+from tci.wires.unitree.node import UnitreeNode
+from tci.wires.unitree.wire import HEAD
+from tci.wires.unitree.wire import STATE as STATE_RECORD
+from tci.wires.zenoh.session import close_session, open_session, parse_address
 from yarpwire.carrier import FAST_TCP
 from yarpwire.errors import PortError
 from yarpwire.names import Names

@@ -9,7 +9,7 @@ from dataclasses import asdict
 import pytest
 
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.experiments.arm_trials import ArmTrial, arm_trials_of
+from tci.lab.experiments.arm_trials import ArmTrial, arm_trials_of
 from tci.robot.catalogue import load_robot
 
 

@@ -9,9 +9,9 @@ from pressing import SHORT_POKE
 from tci.body.generic_body import GenericBody
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.fields import default_body_fields
-from tci.experiments.body_trials import answerable, body_trials_of
-from tci.experiments.poke import Stimulus, poke_place
-from tci.experiments.proof import trial_faults
+from tci.lab.experiments.body_trials import answerable, body_trials_of
+from tci.lab.experiments.poke import Stimulus, poke_place
+from tci.lab.experiments.proof import trial_faults
 from tci.robot.catalogue import load_robot
 from tci.simulation.world import World
 

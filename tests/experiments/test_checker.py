@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from gate.gate_checks import LIMITS, PERIOD, Driven, make_robot, position_command
-from tci.experiments.checker import command_violations, physics_violations, stray_servos
-from tci.frames import Array
 from tci.gate.gate import SafeCommand
+from tci.lab.experiments.checker import command_violations, physics_violations, stray_servos
+from tci.messages.frames import Array
 from tci.robot.description import Limits
 
 

@@ -7,9 +7,9 @@ import pytest
 from matplotlib.image import imread
 
 from tci.errors import TciError
-from tci.experiments.figure import Panel, draw_figure
-from tci.pictures.paint import FieldLook
-from tci.pictures.render import background
+from tci.lab.experiments.figure import Panel, draw_figure
+from tci.lab.pictures.paint import FieldLook
+from tci.lab.pictures.render import background
 
 
 def panel(colour: tuple[int, int, int], *, size: int = 200) -> Panel:

@@ -10,11 +10,11 @@ from tci.capabilities.fields import default_fields
 from tci.capabilities.play_gesture import Phase, PlayGesture
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.drivers.simulated import SimulatedDriver
-from tci.experiments.follow import follow
-from tci.experiments.proof import arm_axes
-from tci.frames import Array, angle_between
 from tci.gestures.gesture import Gesture, fit, record
+from tci.lab.experiments.follow import follow
+from tci.lab.experiments.proof import arm_axes
 from tci.messages import Perception
+from tci.messages.frames import Array, angle_between
 from tci.reasons import Code, Reason
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from pressing import SHORT_POKE
-from tci.authoring.dense_skin import with_skin_rate
 from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
 from tci.body.places import find_place
@@ -19,13 +18,14 @@ from tci.capabilities.fields import default_fields
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
-from tci.experiments.experiment import Report, run_experiment
-from tci.experiments.measure import cop_error
-from tci.experiments.poke import Stimulus, poke
-from tci.experiments.same_stimulus import initial_joints
-from tci.frames import Array, apply
 from tci.gate.gate import Gate, GateSettings
+from tci.lab.authoring.dense_skin import with_skin_rate
+from tci.lab.experiments.experiment import Report, run_experiment
+from tci.lab.experiments.measure import cop_error
+from tci.lab.experiments.poke import Stimulus, poke
+from tci.lab.experiments.same_stimulus import initial_joints
 from tci.messages import GenericCommand, JointReading, Mode
+from tci.messages.frames import Array, apply
 from tci.robot.catalogue import load_robot
 from tci.robot.joint_map import generic_posture
 from tci.robot.limb import generic_limb_distance

@@ -6,9 +6,9 @@ import pytest
 
 from tci.body.generic_body import GenericBody
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.experiments.experiment import trials_of
-from tci.experiments.poke import Stimulus
-from tci.experiments.same_stimulus import same_stimulus
+from tci.lab.experiments.experiment import trials_of
+from tci.lab.experiments.poke import Stimulus
+from tci.lab.experiments.same_stimulus import same_stimulus
 from tci.robot.catalogue import load_robot
 
 NAMES = ("g1", "alex", "talos")

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from pressing import SHORT_POKE, with_pad
-from tci.authoring.proposal import propose
 from tci.body.generic_body import GenericBody
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.errors import DescriptionError
-from tci.experiments.measure import measure
-from tci.experiments.patch_trials import patch_trials_of
-from tci.experiments.poke import Stimulus, poke
-from tci.experiments.proof import compare_axes, limit_faults, prove, trial_faults
+from tci.lab.authoring.proposal import propose
+from tci.lab.experiments.measure import measure
+from tci.lab.experiments.patch_trials import patch_trials_of
+from tci.lab.experiments.poke import Stimulus, poke
+from tci.lab.experiments.proof import compare_axes, limit_faults, prove, trial_faults
 from tci.messages import GenericCommand, Mode, Order, Perception
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot

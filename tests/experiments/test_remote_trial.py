@@ -13,11 +13,11 @@ from drivers.patient import patient
 from drivers.wires import wire
 from pressing import SHORT_POKE
 from tci.errors import DriverError
-from tci.experiments.body_trials import deaf
-from tci.experiments.experiment import trials_of
-from tci.experiments.measure import Trial, measure
-from tci.experiments.poke import Stimulus, poke, poke_place
-from tci.experiments.remote_trial import RemoteTrial
+from tci.lab.experiments.body_trials import deaf
+from tci.lab.experiments.experiment import trials_of
+from tci.lab.experiments.measure import Trial, measure
+from tci.lab.experiments.poke import Stimulus, poke, poke_place
+from tci.lab.experiments.remote_trial import RemoteTrial
 from tci.runtime.loop import Tick
 from tci.simulation.world import World
 

@@ -8,7 +8,7 @@ import pytest
 from tci.body.generic_body import GenericBody
 from tci.capabilities.fields import default_fields
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.experiments.same_touch import FORCES, PROBES, same_touch
+from tci.lab.experiments.same_touch import FORCES, PROBES, same_touch
 from tci.robot.catalogue import load_robot
 
 ROBOTS = ("nao", "icub", "g1", "talos", "alex")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from cli.test_cli import tci
-from tci.authoring.locate_taxels import ProbeTouch, locate_taxels
 from tci.errors import TciError
-from tci.experiments.self_calibration import calibrate_in_simulation
+from tci.lab.authoring.locate_taxels import ProbeTouch, locate_taxels
+from tci.lab.experiments.self_calibration import calibrate_in_simulation
 from tci.robot.catalogue import load_robot
 
 

@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import tci.robot
-from tci.authoring.mount_skin import FEWEST, SelfTouch, find_mount, moved_patch
 from tci.cli.main import app
 from tci.errors import CommandError, TciError
-from tci.experiments.self_touch import mount_in_simulation, self_touch_readings
-from tci.frames import apply, transform
+from tci.lab.authoring.mount_skin import FEWEST, SelfTouch, find_mount, moved_patch
+from tci.lab.experiments.self_touch import mount_in_simulation, self_touch_readings
+from tci.messages.frames import apply, transform
 from tci.recording.recorder import Recorder
 from tci.robot.catalogue import load_robot
 from tci.robot.kinematics import KinematicChain

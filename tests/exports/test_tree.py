@@ -14,7 +14,7 @@ from tci.exports.chain import ChainSegment, chain_to
 from tci.exports.facts import query
 from tci.exports.tree import links_of
 from tci.exports.urdf import TORSO, to_urdf
-from tci.frames import invert, transform
+from tci.messages.frames import invert, transform
 from tci.robot.description import GenericPart, GenericServo, Limits, Model, Robot, Servo
 from tci.robot.kinematics import KinematicChain
 from tci.robot.shoulder import turn

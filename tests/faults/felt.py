@@ -10,14 +10,14 @@ import numpy as np
 import tci
 from tci.body.generic_body import GenericBody
 from tci.capabilities.withdrawal import WithdrawalMemory
-from tci.clock import ManualClock
 from tci.drivers.driver import Driver
-from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
 from tci.drivers.info import DriverInfo
-from tci.frames import Array, read_only
 from tci.gate.gate import GateSettings
 from tci.gate.safe_command import SafeCommand
+from tci.lab.faults.fault_injector import FaultInjector, FaultPlan
 from tci.messages import JointReading, Order, Perception, Reading, SkinFrame
+from tci.messages.clock import ManualClock
+from tci.messages.frames import Array, read_only
 from tci.robot.joint_map import initial_position
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport

@@ -9,9 +9,9 @@ import numpy as np
 
 import tci
 from tci.body.generic_body import GenericBody
-from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
 from tci.drivers.simulated import SimulatedDriver
 from tci.gate.gate import GateState
+from tci.lab.faults.fault_injector import FaultInjector, FaultPlan
 from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tci.drivers.faults.fault_list import FAULTS, KnownFault
-from tci.drivers.faults.injectors import INJECTORS
+from tci.lab.faults.fault_list import FAULTS, KnownFault
+from tci.lab.faults.injectors import INJECTORS
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "reliability.md"

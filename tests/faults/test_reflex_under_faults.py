@@ -12,8 +12,8 @@ import tci
 from capabilities.touches import BODY, one_field, see, touch
 from faults.felt import OTHER, PATCH, Felt, NoisySkin
 from felt_skin import FeltSkin
-from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
 from tci.gate.gate import GateState
+from tci.lab.faults.fault_injector import FaultInjector, FaultPlan
 from tci.messages import LimbPlace
 
 LEARNT = 5.0

@@ -13,11 +13,11 @@ import pytest
 
 import tci
 from faults.rehearsal import AT, Rehearsal
-from tci.drivers.faults.fault_injector import FaultPlan, parse_fault
-from tci.drivers.faults.injectors import INJECTORS
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, DriverError, UnknownNameError
 from tci.gate.gate import GateState
+from tci.lab.faults.fault_injector import FaultPlan, parse_fault
+from tci.lab.faults.injectors import INJECTORS
 from tci.simulation.world import World
 
 

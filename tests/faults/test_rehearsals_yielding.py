@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from faults.rehearsal import AT, Rehearsal
 from tci.capabilities.soft_reaction import SoftReaction
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.drivers.faults.injectors import INJECTORS
-from tci.drivers.faults.injectors.injector import Injector
 from tci.drivers.simulated import SimulatedDriver
-from tci.frames import read_only
 from tci.gate.gate import GateState
+from tci.lab.faults.injectors import INJECTORS
+from tci.lab.faults.injectors.injector import Injector
 from tci.messages import Mode, Reading, SkinFrame
+from tci.messages.frames import read_only
 from tci.robot.catalogue import load_robot
 from tci.simulation.world import World
 from tci.skin.skin import Skin

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from gate.hostile import Attack
 from gate.plant import Plant
-from tci.frames import Array, read_only
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import JointReading, Mode, PlatformOrder, PlatformSwitch
+from tci.messages.frames import Array, read_only
 from tci.robot.description import Robot
 
 BLIND = 0.05

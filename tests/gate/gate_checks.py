@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tci.frames import Array, read_only
 from tci.gate.gate import Gate, SafeCommand
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder
+from tci.messages.frames import Array, read_only
 from tci.robot.description import Coupling, GenericPart, GenericServo, Limits, Robot, Servo
 
 PERIOD = 0.002

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import CommandError
-from tci.frames import Array, read_only
 from tci.gate.acceptance import SLOWEST
 from tci.gate.gate import Gate, GateSettings, GateState, SafeCommand
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
+from tci.messages.frames import Array, read_only
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 

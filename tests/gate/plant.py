@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from tci.frames import Array
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Mode
+from tci.messages.frames import Array
 from tci.robot.description import Robot
 
 STEP = 2.5e-4

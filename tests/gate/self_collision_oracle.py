@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tci.frames import Array
 from tci.gate.self_collision import MARGIN, STRIDE
+from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.clearance import Clearance
 from tci.robot.description import Robot

@@ -10,9 +10,9 @@ import pytest
 from gate.gate_checks import LIMITS, PERIOD, Driven, make_robot, position_command, reading
 from gate.hostile import CYCLE, Attack
 from tci.errors import CommandError
-from tci.frames import read_only
 from tci.gate.gate import Gate, GateState
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
+from tci.messages.frames import read_only
 from tci.reasons import Code
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot

@@ -7,10 +7,10 @@ import pytest
 
 from gate.gate_checks import PERIOD, Driven, position_command, reading
 from tci.errors import CommandError
-from tci.frames import Array
 from tci.gate.body_guard import LOOKS, BodyGuard
 from tci.gate.gate import Gate
 from tci.gate.self_collision import MARGIN, SelfCollision
+from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.catalogue import load_robot
 from tci.robot.clearance import Clearance

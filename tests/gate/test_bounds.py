@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tci.frames import Array
 from tci.gate.bounds import APPROACH, MARGIN, Bounds
+from tci.messages.frames import Array
 
 FREE = Bounds(
     lower=np.array([-1.0, -0.5, -2.0]),

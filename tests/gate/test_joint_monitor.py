@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from gate.gate_checks import make_robot
 from tci.errors import TciError
-from tci.frames import Array, read_only
 from tci.gate.joint_monitor import JointMonitor, MonitorSettings, Reference
 from tci.messages import JointReading, Mode
+from tci.messages.frames import Array, read_only
 from tci.reasons import Code, Reason
 
 ROBOT = make_robot(count=6)

@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gate.gate_checks import LIMITS, PERIOD, Driven, make_robot, position_command, reading
-from tci.frames import Array, read_only
 from tci.gate.bounds import MARGIN
 from tci.gate.commanded_groups import CommandedGroups
 from tci.gate.gate import Gate, GateSettings, GateState
@@ -18,6 +17,7 @@ from tci.gate.joint_monitor import MonitorSettings
 from tci.gate.kernels.torques import RISE
 from tci.gate.speeds import SMOOTHING, Speeds
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
+from tci.messages.frames import Array, read_only
 from tci.reasons import Code
 
 ZERO = [0.0] * 6

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from gate.hostile import Attack
 from gate.self_collision_oracle import Oracle
 from tci.errors import TciError
-from tci.frames import Array
 from tci.gate.body_guard import BodyGuard
 from tci.gate.self_collision import WIDEST, SelfCollision
 from tci.messages import CONTROL_MODES, Mode
+from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot, robot_names
 from tci.robot.clearance import Clearance
 from tci.robot.description import Robot

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tci.frames import Array
 from tci.gate.gate import Gate
 from tci.gate.motion_planner import MotionPlanner
 from tci.gate.spare_motion import SpareMotion
 from tci.messages import JointReading
+from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Limits, Robot
 from tci.robot.joint_map import initial_position

@@ -12,7 +12,6 @@ import pytest
 from gate.closed_loop import OVER, REST_IN, SLOW, SPEEDS, ClosedLoop
 from gate.gate_checks import LIMITS, make_robot
 from gate.plant import Plant
-from tci.frames import read_only
 from tci.gate import freshness
 from tci.gate.freshness import Freshness
 from tci.gate.gate import Gate, GateSettings, GateState, SafeCommand
@@ -20,6 +19,7 @@ from tci.gate.kernels import torques as torque
 from tci.gate.speeds import Slope
 from tci.gate.torque import CREEP, TorqueLimiter
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
+from tci.messages.frames import read_only
 from tci.reasons import Code, Reason
 from tci.robot.catalogue import load_robot
 from tci.robot.joint_map import initial_position

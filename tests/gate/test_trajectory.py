@@ -8,10 +8,10 @@ import pytest
 
 from gate.gate_checks import make_robot
 from tci.errors import CommandError
-from tci.frames import Array
 from tci.gate.bounds import bounds_of
 from tci.gate.stop_plan import TURN
 from tci.gate.trajectory import OnlineTrajectory
+from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
 
 PERIOD = 0.01

@@ -8,13 +8,13 @@ import pytest
 from ruckig import RuckigError
 
 from gate.gate_checks import LIMITS, PERIOD, Driven, make_robot
-from tci.frames import Array
 from tci.gate.acceptance import SLOWEST
 from tci.gate.bounds import bounds_of
 from tci.gate.stop_plan import StopTrajectory
 from tci.gate.trajectory import OnlineTrajectory
 from tci.gate.way_inside import CREEP, LAGS, OUTSIDE, QUICK, SAGS, UNPLANNED, creeping, sags, was_there
 from tci.messages import Mode, PlatformSwitch
+from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 
 LIMIT = 2.0

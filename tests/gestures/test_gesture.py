@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from tci.body.posture import to_platform
 from tci.errors import CommandError, DescriptionError, TciError
-from tci.frames import Array, rotation_x
 from tci.gestures.bvh import read_bvh
 from tci.gestures.files import read_csv, write_csv
 from tci.gestures.gesture import Gesture, TorsoView, fit, record
 from tci.messages import GenericCommand, Mode
+from tci.messages.frames import Array, rotation_x
 from tci.robot.catalogue import load_robot
 from tci.robot.generic_arm import JOINTS, Side, forearm_rotation, upper_arm_rotation
 from tci.robot.joint_map import initial_position

@@ -26,18 +26,18 @@ import numpy as np
 import tci
 from faults.rehearsal import Sway
 from tci.capabilities.body_withdrawal import BodyWithdrawal
+from tci.cli.session import poke_forearm
 from tci.drivers.driver import Driver
-from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
-from tci.drivers.faults.injectors import INJECTORS
 from tci.drivers.replay import ReplayDriver
 from tci.drivers.simulated import SimulatedDriver
+from tci.lab.faults.fault_injector import FaultInjector, FaultPlan
+from tci.lab.faults.injectors import INJECTORS
 from tci.messages import Mode
 from tci.recording.compact import compact
 from tci.recording.recorder import Recorder
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.runtime.loop import Tick, run
-from tci.runtime.session import poke_forearm
 
 FOLDER = Path(__file__).parent
 AT = 0.34

@@ -10,8 +10,8 @@ import pytest
 from golden.cases import CASES, FOLDER, perceived, replayed
 from tci.reasons import NO_REASON
 from tci.recording.recording import Recording
+from tci.recording.rosmsg.cdr import decode
 from tci.recording.schemas import DECISION, TEXTS, decision_bytes
-from tci.rosmsg.cdr import decode
 
 ROUNDING = 1e-9
 """Largest relative difference [1], and largest absolute difference [rad, N, m]. Processors round sums and

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from tci.frames import Array, read_only
 from tci.messages import JointReading
+from tci.messages.frames import Array, read_only
 from tci.robot.description import Robot
 from tci.robot.joint_calibration import JointCalibration, JointFriction
 from tci.robot.joint_map import initial_position

@@ -15,6 +15,7 @@ from joint_touch.plant import ARM, PERIOD, Plant, Push, calibration
 from joint_touch.trials import NEWTON, Felt, pushed, untouched
 from tci.body.generic_body import BodySettings, GenericBody
 from tci.body.perceiver import Perceiver
+from tci.cli.session import poke_forearm
 from tci.errors import TciError
 from tci.joint_touch.contacts import JointTouchSettings
 from tci.messages import JointReading, Perception, Reading, SkinFrame
@@ -22,7 +23,6 @@ from tci.robot.description import Robot
 from tci.robot.dynamics import Dynamics
 from tci.robot.gravity import STANDARD_GRAVITY
 from tci.robot.joint_map import initial_position
-from tci.runtime.session import poke_forearm
 
 
 @pytest.fixture(scope="module")

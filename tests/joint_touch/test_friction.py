@@ -11,9 +11,9 @@ import tci
 from joint_touch.bare import bare_body
 from joint_touch.plant import COULOMB, PERIOD, VISCOUS, Plant
 from tci.cli.hardware import Simulation, check_hardware
-from tci.commissioning.friction import SPAN, SPEEDS, identify, measure_friction, steady
 from tci.drivers.diagnosis import Level
 from tci.errors import CommandError
+from tci.lab.commissioning.friction import SPAN, SPEEDS, identify, measure_friction, steady
 from tci.messages import JointReading
 from tci.robot.dynamics import Dynamics
 from tci.robot.joint_calibration import JointCalibration, JointFriction, joint_calibration

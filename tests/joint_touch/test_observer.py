@@ -13,9 +13,9 @@ import tci
 from joint_touch.bare import bare_body
 from joint_touch.plant import ARM, PERIOD
 from tci.errors import TciError, UnknownNameError
-from tci.frames import Array, read_only
 from tci.joint_touch.observer import MomentumObserver, ObserverSettings
 from tci.messages import JointReading
+from tci.messages.frames import Array, read_only
 from tci.robot.dynamics import Dynamics
 from tci.robot.gravity import STANDARD_GRAVITY, Gravity
 from tci.robot.joint_calibration import JointCalibration, JointFriction, Tool

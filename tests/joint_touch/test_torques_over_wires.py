@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import tci
-from tci.commissioning.doctor import judge_torques
 from tci.drivers.diagnosis import Level
-from tci.drivers.ros.arrivals import ImuArrivals, JointArrivals
 from tci.errors import FrameError
-from tci.frames import read_only
+from tci.lab.commissioning.doctor import judge_torques
 from tci.messages import JointReading, Reading
+from tci.messages.frames import read_only
+from tci.wires.ros.arrivals import ImuArrivals, JointArrivals
 
 ROBOT = tci.load_robot("g1-bare")
 COUNT = len(ROBOT.servos)

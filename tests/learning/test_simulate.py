@@ -9,7 +9,7 @@ import pytest
 
 import tci
 from tci.errors import TciError
-from tci.learning.simulate import WorldRun
+from tci.learn.simulate import WorldRun
 
 
 def facts(runs: tuple[WorldRun, ...]) -> list[dict[str, object]]:

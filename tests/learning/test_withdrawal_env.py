@@ -13,8 +13,8 @@ from gymnasium.utils.env_checker import check_env
 
 from tci.capabilities.fields import default_fields
 from tci.errors import TciError
-from tci.learning.registration import NAME
-from tci.learning.withdrawal_env import CONTACTS, WithdrawalEnv
+from tci.learn.registration import NAME
+from tci.learn.withdrawal_env import CONTACTS, WithdrawalEnv
 from tci.robot.limb import generic_limb_distance
 
 

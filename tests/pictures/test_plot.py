@@ -15,8 +15,8 @@ from cli.test_cli import tci
 from tci.capabilities.fields import default_fields
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, RecordingError, UnknownNameError
-from tci.pictures.film import Film
-from tci.pictures.plot import _draw_patch, _outline, collect, draw
+from tci.lab.pictures.film import Film
+from tci.lab.pictures.plot import _draw_patch, _outline, collect, draw
 from tci.recording.perceived import perceive
 from tci.recording.recording import Recording
 from tci.recording.yarp_log import import_yarp_log

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tci.frames import apply
+from tci.lab.pictures.camera import Camera, look_at, project
+from tci.lab.pictures.paint import FieldLook
+from tci.lab.pictures.portrait import Moment, Portrait, keep_moment
 from tci.messages import Reading
-from tci.pictures.camera import Camera, look_at, project
-from tci.pictures.paint import FieldLook
-from tci.pictures.portrait import Moment, Portrait, keep_moment
+from tci.messages.frames import apply
 from tci.robot.catalogue import load_robot
 from tci.simulation.world import World
 

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tci.errors import TciError
-from tci.pictures.camera import Camera, fit, look_at, pixel_centres, project, rays
-from tci.pictures.cast import Caster
-from tci.pictures.paint import FieldLook, FieldPaint, TaxelPaint, pressure_colours
-from tci.pictures.render import model_colours, render
+from tci.lab.pictures.camera import Camera, fit, look_at, pixel_centres, project, rays
+from tci.lab.pictures.cast import Caster
+from tci.lab.pictures.paint import FieldLook, FieldPaint, TaxelPaint, pressure_colours
+from tci.lab.pictures.render import model_colours, render
 
 SPHERE = """<mujoco><worldbody>
   <geom name="ball" type="sphere" size="0.1" rgba="0.2 0.6 0.3 1"/>
@@ -56,7 +56,7 @@ def test_no_two_threads_cast_on_the_same_data(monkeypatch: pytest.MonkeyPatch) -
         together.wait(40.0)
         plain(model, data, *rest)
 
-    monkeypatch.setattr("tci.pictures.cast.os.cpu_count", lambda: 2)
+    monkeypatch.setattr("tci.lab.pictures.cast.os.cpu_count", lambda: 2)
     monkeypatch.setattr(mujoco, "mj_multiRay", cast)
     view = camera(100)
     hits = Caster(model, data, BALL).cast(view, pixel_centres(view))
@@ -283,8 +283,8 @@ class Refuse:
             raise ImportError(name + " is not here")
 sys.meta_path.insert(0, Refuse())
 import mujoco
-from tci.pictures.camera import look_at
-from tci.pictures.render import render
+from tci.lab.pictures.camera import look_at
+from tci.lab.pictures.render import render
 model = mujoco.MjModel.from_xml_string({SPHERE!r})
 data = mujoco.MjData(model)
 mujoco.mj_forward(model, data)

@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 
 from tci.cli.main import app
 from tci.errors import MissingExtraError
-from tci.pictures.film import Film
-from tci.pictures.video import save_video
+from tci.lab.pictures.film import Film
+from tci.lab.pictures.video import save_video
 from tci.robot.catalogue import load_robot
 from tci.simulation.world import World
 

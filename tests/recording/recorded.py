@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.cli.session import poke_forearm
 from tci.drivers.simulated import SimulatedDriver
 from tci.messages import JointReading, Mode, Reading, SkinFrame
 from tci.recording.recorder import Recorder
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.runtime.loop import Tick, run
-from tci.runtime.session import poke_forearm
 
 
 def record_poke(

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import mujoco
 import numpy as np
 
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.description import Robot
 from tci.robot.kinematics import bare_model
 

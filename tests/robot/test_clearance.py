@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tci.errors import CommandError, DescriptionError
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.robot.clearance import Clearance
 from tci.robot.collisions import LEFT, RIGHT

@@ -7,7 +7,7 @@ import pytest
 
 from robot.moving import ENDS, random_postures, robot_and_kinematics
 from tci.errors import CommandError, UnknownNameError
-from tci.frames import apply
+from tci.messages.frames import apply
 from tci.robot.joint_map import initial_position
 
 STEP = 1e-5

@@ -10,7 +10,7 @@ import pytest
 
 from robot.moving import random_postures
 from robot.mujoco_oracle import Oracle
-from tci.frames import apply
+from tci.messages.frames import apply
 from tci.robot.catalogue import load_robot, robot_names
 from tci.robot.description import Model, Robot
 from tci.robot.gravity import Gravity

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from made_humanoid import MadeHumanoid
-from tci.authoring.initial_posture import with_initial
-from tci.authoring.proposal import propose
+from tci.lab.authoring.initial_posture import with_initial
+from tci.lab.authoring.proposal import propose
 from tci.robot.clearance import Clearance
 from tci.robot.collisions import NEAR
 from tci.robot.joint_map import initial_position

@@ -13,8 +13,8 @@ from lxml import etree
 from tci.body.posture import to_platform
 from tci.body.retarget import with_retargeting
 from tci.exports.cone import cone_of
-from tci.frames import Array, angle_between
 from tci.messages import GenericCommand, Mode
+from tci.messages.frames import Array, angle_between
 from tci.robot.catalogue import load_robot, robot_names
 from tci.robot.description import Robot
 from tci.robot.generic_arm import JOINTS, Side, forearm_rotation, side_sign, upper_arm_rotation

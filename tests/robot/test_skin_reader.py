@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from skin_data import SkinData, cone_file
 from tci.errors import DescriptionError, UnknownNameError
-from tci.frames import rotation_rpy
+from tci.messages.frames import rotation_rpy
 from tci.robot.skin_files.csv import read_skin_csv
 from tci.robot.skin_files.layout import SkinLayout
 from tci.robot.skin_files.reader import read_layout

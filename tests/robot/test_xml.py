@@ -17,11 +17,11 @@ from lxml import etree
 
 import tci.robot
 from tci.errors import DescriptionError, MissingExtraError, TciError
-from tci.installed import advice
 from tci.robot.xml import read_robot, schema_path
 from tci.robot.xml.element import Element
 from tci.robot.xml.grammar import GENERIC_ROBOT
 from tci.robot.xml.schema import schema_text, table_text
+from tci.support.installed import advice
 
 GOOD = """<?xml version="1.0"?>
 <generic_robot version="1" name="tester" angle_unit="deg">

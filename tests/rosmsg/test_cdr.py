@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mcap_ros2._dynamic import generate_dynamic
 
 from tci.errors import RecordingError
-from tci.rosmsg.cdr import MessageType, decode, encode
+from tci.recording.rosmsg.cdr import MessageType, decode, encode
 
 KIND = MessageType(
     "tci_msgs/msg/Test",

@@ -11,9 +11,9 @@ import tci
 from tci.body.generic_body import GenericBody
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DriverError
-from tci.frames import read_only
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import Mode, Perception, PlatformCommand, PlatformOrder, PlatformSwitch, Reading
+from tci.messages.frames import read_only
 from tci.runtime.loop import REST, Tick, run
 from tci.simulation.world import World
 

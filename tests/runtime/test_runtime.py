@@ -10,11 +10,11 @@ import pytest
 import tci
 from drivers.served import needs_qi
 from tci.body.generic_body import GenericBody
-from tci.clock import Every, ManualClock, ticks
 from tci.drivers.registry import open_server, server_names
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DriverError, UnknownNameError
 from tci.messages import GenericCommand, Mode, Perception
+from tci.messages.clock import Every, ManualClock, ticks
 from tci.runtime.loop import Tick
 from tci.simulation.world import World
 

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 import tci
+from tci.cli.run_log import Event
+from tci.cli.session import Session
 from tci.drivers.simulated import SimulatedDriver
 from tci.gate.gate import GateState
-from tci.runtime.run_log import Event
-from tci.runtime.session import Session
 
 
 @pytest.mark.parametrize(

@@ -19,9 +19,9 @@ import tci
 from tci.drivers.lease import lease
 from tci.drivers.wrapper import DriverWrapper
 from tci.errors import DriverError
-from tci.frames import Array, read_only
 from tci.gate.gate import GateState
 from tci.messages import JointReading, Reading, SkinFrame
+from tci.messages.frames import Array, read_only
 from tci.reasons import Code, Reason
 from tci.runtime.watchdogs import (
     LEAST_SILENCE,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.simulation.kernel import _SOFTNESS, _STEPS, _TOLERANCE, REACH
 
 

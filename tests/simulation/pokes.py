@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tci.errors import TciError
-from tci.frames import Array
 from tci.messages import SkinFrame
+from tci.messages.frames import Array
 from tci.robot.description import Patch, Robot
 from tci.simulation.world import World
 from tci.skin.surfaces import Surface

@@ -10,8 +10,8 @@ from tci.body.perceiver import Perceiver
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError
-from tci.frames import Array
 from tci.messages import Landmark
+from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.robot.gravity import Gravity
 from tci.robot.joint_map import generic_posture

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from ruckig import InputParameter, OutputParameter, Ruckig
 
-from tci.authoring.dense_skin import with_skin_rate
 from tci.errors import CommandError, DescriptionError, UnknownNameError
-from tci.frames import Array
+from tci.lab.authoring.dense_skin import with_skin_rate
 from tci.messages import Mode
+from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.robot.collisions import LEFT, RIGHT
 from tci.robot.joint_map import initial_position

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.skin.baseline import Baseline, near
 from tci.skin.kernels.baseline import NOISE_GAIN, Window
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from tci.frames import doubles
+from tci.messages.frames import doubles
 from tci.skin.baseline import Baseline
 from tci.skin.conditioning import ConditioningSettings
 from tci.skin.estimation import SATURATED

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from skin.baseline_oracle import NumpyBaseline
 from skin.flat_skin import OnePatch, skin_patch
 from tci.errors import TciError
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.description import Sensor
 from tci.skin.baseline import Baseline, BaselineSettings
 from tci.skin.conditioning import ConditioningSettings

@@ -20,8 +20,8 @@ from felt_skin import FeltSkin, contacts_of, skin_state
 from skin.flat_skin import skin_patch
 from small_robot import LOWER, RADIUS, TAXELS, joints
 from tci.errors import TciError, UnknownNameError
-from tci.frames import read_only
 from tci.messages import Contact, Contacts, Site, SkinFrame
+from tci.messages.frames import read_only
 from tci.robot.catalogue import load_robot
 from tci.robot.limb import generic_limb_distance
 from tci.skin.contacts import (

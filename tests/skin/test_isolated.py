@@ -13,8 +13,8 @@ from felt_skin import FeltSkin, contacts_of, skin_state
 from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
 from tci.errors import TciError
-from tci.frames import read_only
 from tci.messages import Contact, JointReading, Reading, SkinFrame
+from tci.messages.frames import read_only
 from tci.robot.description import Sensor
 from tci.skin.contacts import ContactFinder, ContactSettings
 from tci.skin.health import Health

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 import tci
 from felt_skin import FeltSkin, PatchFelt, patches
 from tci.errors import FrameError, TciError
-from tci.frames import read_only
 from tci.messages import JointReading, Perception, Reading, SkinFrame
+from tci.messages.frames import read_only
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position

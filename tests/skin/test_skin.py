@@ -19,8 +19,8 @@ from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
 from tci.body.places import find_place
 from tci.errors import FrameError, TciError, UnknownNameError
-from tci.frames import rotation_z
 from tci.messages import JointReading, SkinFrame
+from tci.messages.frames import rotation_z
 from tci.robot.catalogue import load_robot, robot_names
 from tci.robot.generic_arm import Side, forearm_rotation, side_sign, upper_arm_rotation
 from tci.robot.joint_map import initial_position

@@ -15,11 +15,11 @@ from playwright.sync_api import Locator, Page, sync_playwright
 from peers import needs_program
 from tci.body.places import Place
 from tci.capabilities.fields import default_fields
-from tci.frames import Array, apply
+from tci.lab.viewer.app import Viewer
+from tci.lab.viewer.figure import Figure
+from tci.lab.viewer.pick import pick
+from tci.messages.frames import Array, apply
 from tci.robot.limb import generic_limb_distance
-from tci.viewer.app import Viewer
-from tci.viewer.figure import Figure
-from tci.viewer.pick import pick
 
 PATIENCE = 120.0
 """Longest time [s] to wait for events. It is long because the page is drawn without a graphics card, and no

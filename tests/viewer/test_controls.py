@@ -12,8 +12,8 @@ import numpy as np
 from viser import _messages
 
 import tci
-from tci.viewer.app import Viewer
-from tci.viewer.session import Session
+from tci.lab.viewer.app import Viewer
+from tci.lab.viewer.session import Session
 
 PATIENCE = 40.0
 

@@ -14,8 +14,8 @@ from viser._viser import CameraHandle, _CameraHandleState
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.fields import default_fields
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.viewer.fields import fields_of, is_outside, legend, nearest_field
-from tci.viewer.framing import Framing
+from tci.lab.viewer.fields import fields_of, is_outside, legend, nearest_field
+from tci.lab.viewer.framing import Framing
 
 FIELDS = default_fields()
 

@@ -15,7 +15,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from tci.errors import DriverError
-from tci.viewer.guard import Guard, open_server
+from tci.lab.viewer.guard import Guard, open_server
 
 PROTOCOL = f"viser-v{viser.__version__}"
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from tci.gate.gate import GateState
+from tci.lab.viewer.view import SAMPLE, WINDOW, History, View
 from tci.messages import JointReading
-from tci.viewer.view import SAMPLE, WINDOW, History, View
 
 
 def view(time: float, response: float = 0.0) -> View:

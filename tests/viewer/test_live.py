@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import tci
-from tci.viewer.labels import badge
-from tci.viewer.session import Session
+from tci.lab.viewer.labels import badge
+from tci.lab.viewer.session import Session
 
 PATIENCE = 60.0
 

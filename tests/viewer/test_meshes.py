@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from tci.viewer.meshes import body_meshes
+from tci.lab.viewer.meshes import body_meshes
 
 SHAPES = {
     "box": ("0.1 0.2 0.3", 8 * 0.1 * 0.2 * 0.3),

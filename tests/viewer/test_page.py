@@ -11,11 +11,11 @@ import pytest
 from playwright.sync_api import Page
 
 import tci
-from tci.frames import apply
 from tci.gate.gate import GateState
+from tci.lab.viewer.app import Viewer
+from tci.lab.viewer.session import Session
+from tci.messages.frames import apply
 from tci.recording.recording import Recording
-from tci.viewer.app import Viewer
-from tci.viewer.session import Session
 from viewer.browser import (
     COARSE,
     PATIENCE,

@@ -13,10 +13,10 @@ from viser import _messages
 
 import tci
 from recording.recorded import record_poke
+from tci.lab.viewer.app import Viewer
+from tci.lab.viewer.playback import Playback
+from tci.lab.viewer.player import Player
 from tci.recording.recording import Recording
-from tci.viewer.app import Viewer
-from tci.viewer.playback import Playback
-from tci.viewer.player import Player
 
 PATIENCE = 40.0
 

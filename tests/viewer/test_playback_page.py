@@ -10,10 +10,10 @@ from playwright.sync_api import Page
 
 import tci
 from recording.recorded import record_poke
+from tci.lab.viewer.app import Viewer
+from tci.lab.viewer.guard import close_server
+from tci.lab.viewer.player import Player
 from tci.recording.recording import Recording
-from tci.viewer.app import Viewer
-from tci.viewer.guard import close_server
-from tci.viewer.player import Player
 from viewer.browser import field, page_of, running, wait_for
 
 pytestmark = pytest.mark.xdist_group("browser")

@@ -12,15 +12,15 @@ import pytest
 import tci
 from recording.recorded import record_poke
 from skin_data import SkinData
-from tci.contacts import Contacts
 from tci.errors import CommandError, RecordingError
 from tci.gate.gate import GateState
+from tci.lab.viewer import player as player_module
+from tci.lab.viewer.player import Player
+from tci.messages.contacts import Contacts
 from tci.recording.contact_list import import_contact_list
 from tci.recording.perceived import Perceived, perceive, recorded_robot
 from tci.recording.recording import Recording
 from tci.runtime.loop import Tick
-from tci.viewer import player as player_module
-from tci.viewer.player import Player
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def test_it_can_not_be_touched(player: Player) -> None:
 
 
 def test_what_is_too_long_is_told(poked: tuple[Path, list[Tick]], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tci.viewer.player.LONGEST", 0.2)
+    monkeypatch.setattr("tci.lab.viewer.player.LONGEST", 0.2)
     with pytest.raises(RecordingError, match=r"longer than 0.2 s.*tci log cut"):
         Player(Recording(poked[0]), tci.load_robot("nao"))
 

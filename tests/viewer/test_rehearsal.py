@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from tci.drivers.faults.fault_injector import FaultPlan
-from tci.drivers.faults.fault_list import FAULTS
-from tci.drivers.faults.injectors import INJECTORS
 from tci.gate.gate import GateState
-from tci.viewer.rehearsal import Rehearsal, description
+from tci.lab.faults.fault_injector import FaultPlan
+from tci.lab.faults.fault_list import FAULTS
+from tci.lab.faults.injectors import INJECTORS
+from tci.lab.viewer.rehearsal import Rehearsal, description
 
 
 def sent(state: GateState, reason: str = "", refusals: tuple[str, ...] = ()) -> Any:

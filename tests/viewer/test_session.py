@@ -14,9 +14,9 @@ from tci.body.places import find_place
 from tci.drivers.replay import ReplayDriver
 from tci.errors import CommandError
 from tci.gate.gate import GateState
+from tci.lab.viewer.app import Viewer
+from tci.lab.viewer.session import Session
 from tci.skin.skin import Skin
-from tci.viewer.app import Viewer
-from tci.viewer.session import Session
 
 PATIENCE = 60.0
 

@@ -17,19 +17,19 @@ from measured import Measured, cold, each, in_turn, row
 import tci
 from felt_skin import FeltSkin, PatchFelt
 from skin.kernels import contact_oracle
-from tci.authoring.dense_skin import with_dense_skin
 from tci.capabilities.answer import Touches, field_table, find_answers, site_numbers
 from tci.capabilities.discounts import phi, psi
 from tci.capabilities.fields import default_fields
-from tci.compiled import inlined
-from tci.frames import frozen
+from tci.lab.authoring.dense_skin import with_dense_skin
 from tci.messages import JointReading
+from tci.messages.frames import frozen
 from tci.robot.joint_map import initial_position
 from tci.robot.limb import generic_limb_distance
 from tci.skin.contacts import ContactFinder, ContactSettings, empty_contacts
 from tci.skin.kernels.arrays import AREA, FULL, LIMB_LINK, REST, SIGN, STRAIGHT, ActiveTaxels
 from tci.skin.kernels.condition import condition
 from tci.skin.kernels.contacts import SUMMARY, cluster, describe
+from tci.support.compiled import inlined
 
 SETTINGS = ContactSettings()
 LIMITS, THRESHOLD = SETTINGS.limits, 7.0

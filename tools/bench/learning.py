@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from measured import Measured, row
 
-import tci.learning.withdrawal_env  # noqa: F401 - registers it
+import tci.learn.withdrawal_env  # noqa: F401 - registers it
 
 EPISODES = 6
 LEAST = 2500.0

@@ -12,11 +12,11 @@ from pathlib import Path
 from measured import Measured, row
 
 import tci
-from tci.authoring.dense_skin import with_dense_skin
 from tci.body.places import find_place
 from tci.cli.view import SIMULATED
-from tci.viewer.app import RATE, Viewer
-from tci.viewer.session import Session
+from tci.lab.authoring.dense_skin import with_dense_skin
+from tci.lab.viewer.app import RATE, Viewer
+from tci.lab.viewer.session import Session
 
 TAXELS = 1010
 """Number of taxels of the NAO, rounded to whole rings of taxels. The NAO of the catalogue has 720 taxels, the

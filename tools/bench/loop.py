@@ -13,10 +13,10 @@ from measured import Measured, row
 from pipeline import TURN, Pipeline, Swinging
 
 import tci
-from tci.clock import MonotonicClock
 from tci.drivers.driver import Driver
 from tci.drivers.info import DriverInfo
 from tci.messages import JointReading, Reading, SkinFrame
+from tci.messages.clock import MonotonicClock
 from tci.robot.joint_map import initial_position
 from tci.runtime.loop_report import LoopReport
 
@@ -24,7 +24,7 @@ SECONDS = float(os.environ.get("TCI_BENCH_LOOP", "60"))
 RUNS = 5
 BARE = """
 import json, sys, time
-from tci.clock import MonotonicClock, ticks
+from tci.messages.clock import MonotonicClock, ticks
 from tci.runtime.loop_report import Histogram
 late, clock = Histogram(), MonotonicClock()
 periods = ticks(clock, 0.001, duration=float(sys.argv[1]))

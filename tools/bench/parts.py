@@ -18,8 +18,8 @@ import tci
 from tci.body.posture import to_platform
 from tci.exports.chain import chain_to
 from tci.exports.urdf import to_urdf
-from tci.frames import frozen
 from tci.messages import GenericCommand, JointReading, Mode
+from tci.messages.frames import frozen
 from tci.robot.inverse import InverseKinematics
 from tci.robot.joint_map import initial_position
 from tci.robot.kinematics import KinematicChain

@@ -15,7 +15,7 @@ from frame import Frame, InC
 from measured import ROUNDS, Measured, cold, in_turn, row
 
 import tci
-from tci.authoring.dense_skin import with_dense_skin
+from tci.lab.authoring.dense_skin import with_dense_skin
 from tci.messages import Command, GenericCommand, JointReading, Mode, Perception, Reading, SkinFrame
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position

@@ -19,9 +19,9 @@ from lxml import etree
 from measured import ROUNDS, Measured, each, row
 
 import tci
-from tci.authoring.dense_skin import with_dense_skin, with_skin_rate
-from tci.frames import Array
+from tci.lab.authoring.dense_skin import with_dense_skin, with_skin_rate
 from tci.messages import Command, GenericCommand, Mode, Perception
+from tci.messages.frames import Array
 from tci.robot.description import Robot
 from tci.robot.generic_arm import JOINTS, SEGMENTS
 from tci.simulation import scene

@@ -28,9 +28,9 @@ from rich.progress import Progress
 
 import tci
 from drivers.wires import PEERS, wire
-from tci.experiments.body_trials import answerable, body_trials_of
-from tci.experiments.experiment import SIDES, trials_of
-from tci.experiments.poke import Stimulus
+from tci.lab.experiments.body_trials import answerable, body_trials_of
+from tci.lab.experiments.experiment import SIDES, trials_of
+from tci.lab.experiments.poke import Stimulus
 from tci.robot.description import Robot
 
 TABLE = TABLES / "robots-and-wires.md"

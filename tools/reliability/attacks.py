@@ -12,8 +12,8 @@ from row import Row
 
 from gate.gate_checks import LIMITS, make_robot
 from gate.hostile import Attack
-from tci.frames import Array
 from tci.messages import CONTROL_MODES, Mode
+from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot, robot_names
 from tci.robot.collisions import exclude_overlaps, solid_spec
 from tci.robot.description import Robot

@@ -17,8 +17,8 @@ from contextlib import ExitStack, suppress
 
 import numpy as np
 
-from tci.clock import MonotonicClock, ticks
 from tci.errors import TciError
+from tci.messages.clock import MonotonicClock, ticks
 from tci.runtime.loop_report import Histogram
 from tci.runtime.real_time import real_time
 

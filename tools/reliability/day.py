@@ -12,8 +12,8 @@ from row import Row
 import tci
 from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
-from tci.frames import read_only
 from tci.messages import JointReading, Reading, SkinFrame
+from tci.messages.frames import read_only
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.joint_map import initial_position
 from tci.simulation.imperfection import Imperfection, ImperfectTaxels

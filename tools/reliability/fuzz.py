@@ -108,9 +108,9 @@ def lcm() -> tuple[Target, Iterable[bytes]]:
     import zlib
 
     import tci
-    from tci.drivers.lcm import encoding as remote_lcm
-    from tci.drivers.lcm.datagrams import Datagrams
     from tci.errors import TciError
+    from tci.wires.lcm import encoding as remote_lcm
+    from tci.wires.lcm.datagrams import Datagrams
 
     robot, datagrams = tci.load_robot("nao"), Datagrams()
     readers = (remote_lcm.to_state, remote_lcm.to_skin, remote_lcm.to_orders)

@@ -18,18 +18,18 @@ from pool import Job, Result, gather
 from row import Row
 
 from gate.hostile import SAG, WIGGLE, Attack
-from tci.drivers.partial_gate import PartialGate
-from tci.drivers.unitree import messages
-from tci.drivers.unitree.driver import slots_of
-from tci.drivers.unitree.handover import TAKE, Phase
-from tci.drivers.unitree.keeper import DISCOVERY, FOLLOW, FOLLOWS, Keeper, Orders
-from tci.drivers.unitree.keeper import TAKE as ASK
-from tci.drivers.unitree.node import Out, UnitreeNode
-from tci.drivers.unitree.set_points import SetPoints
-from tci.drivers.unitree.wire import HEAD, STATE, WEIGHT, encode_state
-from tci.frames import Array
 from tci.messages import CONTROL_MODES
+from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
+from tci.shared.partial_gate import PartialGate
+from tci.wires.unitree import messages
+from tci.wires.unitree.driver import slots_of
+from tci.wires.unitree.handover import TAKE, Phase
+from tci.wires.unitree.keeper import DISCOVERY, FOLLOW, FOLLOWS, Keeper, Orders
+from tci.wires.unitree.keeper import TAKE as ASK
+from tci.wires.unitree.node import Out, UnitreeNode
+from tci.wires.unitree.set_points import SetPoints
+from tci.wires.unitree.wire import HEAD, STATE, WEIGHT, encode_state
 
 PERIOD = 0.004
 CHUNK = 10_000

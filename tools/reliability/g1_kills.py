@@ -21,11 +21,11 @@ from pool import Result, gather
 from report import ROOT
 from row import Row
 
-from tci.drivers.unitree import messages
-from tci.drivers.unitree.handover import GIVE, KP, TAKE, Q
-from tci.drivers.unitree.node import MOST, UnitreeNode, latest
-from tci.drivers.unitree.wire import STATE, WEIGHT, decode_command, encode_state
-from tci.frames import Array
+from tci.messages.frames import Array
+from tci.wires.unitree import messages
+from tci.wires.unitree.handover import GIVE, KP, TAKE, Q
+from tci.wires.unitree.node import MOST, UnitreeNode, latest
+from tci.wires.unitree.wire import STATE, WEIGHT, decode_command, encode_state
 
 AT_ONCE = 6
 """Number of robots that are simulated at the same time, each in a separate DDS domain. Assumed: one processor

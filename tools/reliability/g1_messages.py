@@ -14,9 +14,9 @@ from report import ROOT
 from row import Row
 
 from peers import peer_python
-from tci.drivers.unitree import messages
-from tci.drivers.unitree.node import MOST, UnitreeNode, latest
-from tci.drivers.unitree.wire import COMMAND, STATE, WEIGHT, decode_state, encode_command, encode_state
+from tci.wires.unitree import messages
+from tci.wires.unitree.node import MOST, UnitreeNode, latest
+from tci.wires.unitree.wire import COMMAND, STATE, WEIGHT, decode_state, encode_command, encode_state
 
 COUNT, RATE = 10_000, 500.0
 """Number of messages in each direction, and their rate [Hz]."""

@@ -7,8 +7,8 @@ from pool import Result, gather
 from row import Row
 
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.experiments.experiment import trials_of
-from tci.experiments.poke import Stimulus
+from tci.lab.experiments.experiment import trials_of
+from tci.lab.experiments.poke import Stimulus
 from tci.robot.catalogue import load_robot
 
 WIRES = None, "unitree:lo/116 + yarp"

@@ -19,8 +19,8 @@ from row import Row
 
 import tci
 from drivers.wires import free_port
-from tci.drivers.yarp.driver import YarpDriver
 from tci.gate.gate import GateState
+from tci.wires.yarp.driver import YarpDriver
 
 NAMES = """
 import sys, threading
@@ -33,7 +33,7 @@ ROBOT = """
 import signal, sys
 import tci
 from tci.drivers.simulated import SimulatedDriver
-from tci.drivers.yarp.server import YarpServer
+from tci.wires.yarp.server import YarpServer
 from tci.runtime.serve import serve
 
 PART, AWAY = "LArm", 100

@@ -17,7 +17,7 @@ TAXELS, RATE = 4000, 1000
 WRITER = """
 import sys, time
 import numpy as np
-from tci.clock import MonotonicClock, ticks
+from tci.messages.clock import MonotonicClock, ticks
 from yarpwire.dialect import V3
 from yarpwire.message import Stamp
 from yarpwire.names import Names

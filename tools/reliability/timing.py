@@ -21,12 +21,12 @@ from row import Row
 
 import tci
 from tci.capabilities.fields import default_fields
-from tci.clock import MonotonicClock
 from tci.drivers.driver import Driver
 from tci.drivers.info import DriverInfo
 from tci.errors import TciError
-from tci.frames import frozen
 from tci.messages import Reading, SkinFrame
+from tci.messages.clock import MonotonicClock
+from tci.messages.frames import frozen
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.joint_map import initial_position
 from tci.runtime.loop import Tick, run

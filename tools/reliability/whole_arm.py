@@ -10,7 +10,7 @@ from pool import gather
 from row import Row
 
 import tci
-from tci.experiments.arm_trials import arm_trials_of
+from tci.lab.experiments.arm_trials import arm_trials_of
 
 ROBOTS = ("nao", "icub", "g1", "talos", "alex")
 JOB = 50

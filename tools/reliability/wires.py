@@ -17,22 +17,22 @@ from drivers.player_exchange import said
 from drivers.test_remote_cdr import NAO, READ, WHOLE
 from drivers.yarp.hostile import strange_messages
 from mutated import mutated
-from tci.drivers.lcm.datagrams import Datagrams
-from tci.drivers.naoqi import words
-from tci.drivers.player import wire
-from tci.drivers.player.wire import Stream
-from tci.drivers.ros.cloud import PatchCloud
-from tci.drivers.ros.names import Names
-from tci.drivers.ros.native import NativeRobot
-from tci.drivers.ros.node import Callback, Publish, RosNode
-from tci.drivers.ros.tree import Trees
 from tci.errors import DriverError, FrameError
+from tci.recording.rosmsg.cdr import MessageType, decode, encode
 from tci.recording.schemas import CLOUD, JOINTS, SKIN, joints_values, skin_values
 from tci.robot.kinematics import KinematicChain
-from tci.rosmsg.cdr import MessageType, decode, encode
 from tci.runtime.heartbeat import decode as to_beat
 from tci.runtime.heartbeat import encode as beat
 from tci.skin.surfaces import build_surface
+from tci.wires.lcm.datagrams import Datagrams
+from tci.wires.naoqi import words
+from tci.wires.player import wire
+from tci.wires.player.wire import Stream
+from tci.wires.ros.cloud import PatchCloud
+from tci.wires.ros.names import Names
+from tci.wires.ros.native import NativeRobot
+from tci.wires.ros.node import Callback, Publish, RosNode
+from tci.wires.ros.tree import Trees
 from yarp_captures import DIALECTS, binary
 from yarpwire import message
 from yarpwire.bottle import decode_bottle, decode_vector

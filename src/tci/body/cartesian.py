@@ -10,9 +10,9 @@ from functools import lru_cache
 import numpy as np
 
 from tci.errors import CommandError, DescriptionError
-from tci.frames import Array, apply, invert, read_only
 from tci.gate.acceptance import SLOWEST
 from tci.messages import CartesianCommand, Mode, PlatformCommand
+from tci.messages.frames import Array, apply, invert, read_only
 from tci.reasons import Code
 from tci.robot.description import Robot
 from tci.robot.generic_arm import SEGMENTS

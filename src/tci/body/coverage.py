@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from tci.body.kernels.coverage import count_taxels
 from tci.body.landmarks import Landmarks
-from tci.frames import Array, read_only
 from tci.messages import JointReading, Landmark, LimbPlace
+from tci.messages.frames import Array, read_only
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.joint_map import joint_map
 from tci.robot.kernels.limb import limb_numbers

@@ -18,7 +18,6 @@ from tci.body.posture import generic_columns, home, switch, to_platform
 from tci.body.retreat import Retreat
 from tci.body.support import StaticStability
 from tci.errors import CommandError, TciError
-from tci.frames import Array, read_only
 from tci.joint_touch.contacts import JointTouchSettings
 from tci.messages import (
     CartesianCommand,
@@ -36,6 +35,7 @@ from tci.messages import (
     Support,
     SwitchMode,
 )
+from tci.messages.frames import Array, read_only
 from tci.reasons import Reason
 from tci.robot.description import Kind, Robot
 from tci.robot.joint_calibration import JointCalibration

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from tci.body.places import Place, leave_surface
 from tci.errors import TciError
-from tci.frames import Array, read_only
 from tci.messages import Contact, Landmark
+from tci.messages.frames import Array, read_only
 from tci.robot.description import GenericPart, Patch
 from tci.robot.joint_map import initial_position, joint_map
 from tci.skin.nearest import nearest_on_faces

@@ -9,9 +9,9 @@ from math import isfinite
 
 from tci.body.generic_body import GenericBody
 from tci.errors import FrameError
-from tci.frames import Array
 from tci.joint_touch.contacts import JointTouch
 from tci.messages import Contacts, Perception, Reading, SkinFrame
+from tci.messages.frames import Array
 from tci.robot.joint_calibration import joint_calibration
 from tci.skin.conditioning import Conditioner, PatchHealth
 from tci.skin.contacts import ContactFinder

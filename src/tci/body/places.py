@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tci.errors import TciError
-from tci.frames import Array, apply, invert, read_only
 from tci.messages import JointReading
+from tci.messages.frames import Array, apply, invert, read_only
 from tci.robot.generic_arm import limb_direction
 from tci.robot.joint_map import generic_posture
 from tci.skin.skin import Skin

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from tci.errors import CommandError
-from tci.frames import Array, frozen, read_only
 from tci.gate.acceptance import is_likely_degrees
 from tci.messages import GenericCommand, Mode, PlatformCommand, PlatformSwitch, SwitchMode
+from tci.messages.frames import Array, frozen, read_only
 from tci.robot.description import GenericPart, Robot
 from tci.robot.joint_map import initial_position, joint_map
 

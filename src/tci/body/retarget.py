@@ -15,7 +15,7 @@ from scipy.optimize import Bounds as Box
 from scipy.optimize import LinearConstraint, minimize
 
 from tci.errors import CommandError
-from tci.frames import Array, read_only
+from tci.messages.frames import Array, read_only
 from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
 from tci.robot.shoulder import Shoulder, shoulder_of

@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 from ruckig import InputParameter, Ruckig, RuckigError, Synchronization, Trajectory
 
 from tci.body.kernels.retreat import Chain, Room, Touched, retreats
-from tci.compiled import entry
 from tci.errors import CommandError, UnknownNameError
-from tci.frames import Array
 from tci.gate.bounds import Bounds, bounds_of
 from tci.gate.kernels.couplings import shift
 from tci.messages import Contacts, Mode, Site
+from tci.messages.frames import Array
 from tci.robot.description import Robot
 from tci.robot.joint_map import JointMap, joint_map
 from tci.skin.layout import SkinLayout
 from tci.skin.skin import Skin
+from tci.support.compiled import entry
 
 _retreats = entry(retreats)
 EARLY = (0.01, 0.02)

@@ -12,8 +12,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from tci.errors import DescriptionError
-from tci.frames import Array, apply
 from tci.messages import Contact, Support
+from tci.messages.frames import Array, apply
 from tci.robot.description import SOLE
 from tci.robot.gravity import Gravity
 from tci.robot.joint_map import joint_map

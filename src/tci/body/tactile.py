@@ -14,8 +14,8 @@ from scipy.spatial import cKDTree
 
 from tci.body.generic_body import GenericBody
 from tci.errors import TciError
-from tci.frames import Array, frozen
 from tci.messages import Contact, JointReading, Perception
+from tci.messages.frames import Array, frozen
 from tci.robot.generic_arm import side_sign
 from tci.skin.layout import AXES
 from tci.skin.triangulation import is_sheet, unroll

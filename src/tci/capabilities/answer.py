@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from tci.capabilities import discounts
 from tci.capabilities.fields import ReceptiveField
-from tci.compiled import compiled, inlined, reads, record, writes
-from tci.frames import Array, read_only
 from tci.messages import Contacts, Site
+from tci.messages.frames import Array, read_only
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.limb import generic_limb_point
+from tci.support.compiled import compiled, inlined, reads, record, writes
 
 _SEGMENT, _X, _Y, _Z, _RADIUS, _THRESHOLD, _SATURATION, _MEASURE = range(8)
 _MEASURES = ("weighted", "total", "peak")

@@ -25,9 +25,9 @@ from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.orders import begin_of, step_of
 from tci.errors import TciError
-from tci.installed import needs
 from tci.messages import CONTROL_MODES, CartesianCommand, GenericCommand, Order, Perception, SwitchMode
 from tci.reasons import Reason
+from tci.support.installed import needs
 
 with needs("a behaviour tree", "behaviours"):
     from py_trees.behaviour import Behaviour

@@ -24,8 +24,8 @@ from tci.capabilities.fields import BodyField, BodyFields, default_body_fields
 from tci.capabilities.withdrawal_memory import Wish, Withdrawals
 from tci.capabilities.withdrawal_rule import blind_field, new_targets, withdraw_all
 from tci.errors import TciError
-from tci.frames import Array
 from tci.messages import Contact, Contacts, Order, Perception
+from tci.messages.frames import Array
 from tci.reasons import Reason
 from tci.robot.description import SOLE
 

@@ -16,8 +16,8 @@ import numpy as np
 from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.errors import TciError
-from tci.frames import Array, read_only
 from tci.messages import GenericCommand, Mode, Order, Perception
+from tci.messages.frames import Array, read_only
 from tci.robot.generic_fingers import FINGERS, FLEXIONS, PALM
 
 LEAD = 0.1

@@ -16,9 +16,9 @@ from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.orders import begin_of, step_of
 from tci.errors import TciError
-from tci.frames import read_only
 from tci.gestures.gesture import Fitted, Gesture
 from tci.messages import GenericCommand, Mode, Order, Perception
+from tci.messages.frames import read_only
 from tci.reasons import Reason
 
 

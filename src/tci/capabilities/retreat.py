@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from tci.body.generic_body import GenericBody
-from tci.frames import Array
 from tci.messages import Contact, Mode, Perception
+from tci.messages.frames import Array
 
 PRESSED = 1e-5
 """Depth [m] up to which a motion into an object counts as tangential to the skin. Assumed: larger than

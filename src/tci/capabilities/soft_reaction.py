@@ -17,8 +17,8 @@ from tci.body.retreat import AHEAD
 from tci.capabilities.capability import Capability
 from tci.capabilities.retreat import why_not
 from tci.errors import TciError
-from tci.frames import Array, read_only
 from tci.messages import Command, GenericCommand, Mode, Perception, SwitchMode
+from tci.messages.frames import Array, read_only
 
 MODES = (Mode.VELOCITY, Mode.TORQUE)
 """Control modes in which the soft reaction can run."""

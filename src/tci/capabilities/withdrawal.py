@@ -18,9 +18,7 @@ from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields, default_surround
 from tci.capabilities.withdrawal_memory import Wish, Withdrawals
 from tci.capabilities.withdrawal_rule import blind_field, new_targets, withdraw_all
-from tci.compiled import entry
 from tci.errors import TciError
-from tci.frames import Array, read_only
 from tci.messages import (
     Command,
     Contact,
@@ -31,8 +29,10 @@ from tci.messages import (
     Perception,
     SwitchMode,
 )
+from tci.messages.frames import Array, read_only
 from tci.reasons import Reason
 from tci.robot.generic_arm import JOINTS
+from tci.support.compiled import entry
 
 _find_answers = entry(find_answers)
 DISCOUNTS = ("linear", "cosine")

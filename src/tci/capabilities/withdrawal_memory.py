@@ -8,9 +8,9 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from tci.frames import Array, frozen
 from tci.messages import Perception
-from tci.records import quick
+from tci.messages.frames import Array, frozen
+from tci.support.records import quick
 
 ANEW = 0.02
 """Time [s] after which a refused motion is checked again, even if no new skin frame has arrived, because the

@@ -18,8 +18,8 @@ from tci.body.generic_body import GenericBody
 from tci.capabilities.retreat import are_hopeless, why_not
 from tci.capabilities.withdrawal_memory import F, Field, Refusal, Wish, Withdrawal, Withdrawals, refusal, told
 from tci.errors import CommandError
-from tci.frames import Array, frozen
 from tci.messages import GenericCommand, Mode, Perception
+from tci.messages.frames import Array, frozen
 from tci.reasons import Code, Reason
 
 LEAST_COVERAGE = 0.5

@@ -14,7 +14,7 @@ from tci.cli.options import AsJson, RobotName
 from tci.errors import CommandError
 
 if TYPE_CHECKING:
-    from tci.experiments.proof import Proof
+    from tci.lab.experiments.proof import Proof
     from tci.robot.description import Robot
 
 
@@ -85,7 +85,7 @@ def check(
         raise CommandError(
             "--via, --only, --taxels and --friction need a robot to test; valid: add --hardware"
         )
-    from tci.commissioning.plausibility import doubts
+    from tci.lab.commissioning.plausibility import doubts
     from tci.robot.catalogue import load_robot
 
     found = load_robot(robot)
@@ -105,7 +105,7 @@ def check(
 def _prove(robot: Robot, *, quiet: bool) -> Proof:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from tci.experiments.proof import prove
+    from tci.lab.experiments.proof import prove
 
     columns = (TextColumn("{task.description:<32}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=quiet, transient=True) as progress:
@@ -122,7 +122,7 @@ def _prove(robot: Robot, *, quiet: bool) -> Proof:
 
 
 def _print_proof(proof: Proof) -> None:
-    from tci.experiments.proof import POSTURES
+    from tci.lab.experiments.proof import POSTURES
 
     for axes in proof.axes:
         console.print(

@@ -24,9 +24,9 @@ from tci.errors import CommandError, UnknownNameError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from tci.experiments.experiment import Report
-    from tci.experiments.measure import Trial
-    from tci.experiments.same_touch import SameTouch
+    from tci.lab.experiments.experiment import Report
+    from tci.lab.experiments.measure import Trial
+    from tci.lab.experiments.same_touch import SameTouch
     from tci.messages import Mode
     from tci.robot.description import Robot
 
@@ -123,12 +123,12 @@ def _run_trials(
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from tci.authoring.dense_skin import with_skin_rate
     from tci.capabilities.withdrawal import WithdrawalReflex
     from tci.drivers.combined_server import JOIN
-    from tci.experiments.experiment import SIDES, run_experiment
-    from tci.experiments.pictures import draw_demo
-    from tci.experiments.remote_trial import try_server
+    from tci.lab.authoring.dense_skin import with_skin_rate
+    from tci.lab.experiments.experiment import SIDES, run_experiment
+    from tci.lab.experiments.pictures import draw_demo
+    from tci.lab.experiments.remote_trial import try_server
 
     robots = load_robots(names)
     if via is not None:

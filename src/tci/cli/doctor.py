@@ -18,7 +18,7 @@ from tci.errors import DriverError, MissingExtraError, TciError, UnknownNameErro
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from tci.commissioning.streams import Stream
+    from tci.lab.commissioning.streams import Stream
     from tci.robot.description import Robot
 
 
@@ -44,7 +44,7 @@ def doctor(
 
     Example:  tci doctor nao --via sim
     """
-    from tci.commissioning.machine import examine_machine
+    from tci.lab.commissioning.machine import examine_machine
     from tci.robot.catalogue import load_robot
 
     if via is None and robot is None:
@@ -69,10 +69,10 @@ def _examine(
     """
     from rich.progress import BarColumn, Progress, TextColumn
 
-    from tci.commissioning.doctor import judge
-    from tci.commissioning.streams import observe
     from tci.drivers.combined_server import JOIN
     from tci.drivers.registry import connect, load_driver
+    from tci.lab.commissioning.doctor import judge
+    from tci.lab.commissioning.streams import observe
 
     name, _, address = via.split(JOIN)[0].partition(":")
     try:

@@ -28,8 +28,8 @@ def list_faults(
     from rich.table import Table
 
     from tci.cli.console import console, print_json
-    from tci.drivers.faults.fault_list import FAULTS
-    from tci.drivers.faults.injectors import INJECTORS
+    from tci.lab.faults.fault_list import FAULTS
+    from tci.lab.faults.injectors import INJECTORS
 
     names = {number: [name for name, kind in INJECTORS.items() if kind.number == number] for number in FAULTS}
     if as_json:

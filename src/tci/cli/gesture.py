@@ -11,9 +11,9 @@ from tci.cli.options import Arm, AsJson, Duration, NewGesture, RobotName, Via
 from tci.errors import CommandError
 
 if TYPE_CHECKING:
-    from tci.experiments.follow import Following
-    from tci.frames import Array
     from tci.gestures.gesture import Fitted, Gesture
+    from tci.lab.experiments.follow import Following
+    from tci.messages.frames import Array
     from tci.robot.description import Robot
 
 app = typer.Typer(
@@ -141,8 +141,8 @@ def play(
     from tci.cli.console import console, print_json
     from tci.drivers.info import HARMLESS
     from tci.drivers.registry import connect
-    from tci.experiments.follow import follow
     from tci.gestures.gesture import fit
+    from tci.lab.experiments.follow import follow
     from tci.robot.catalogue import load_robot
 
     words = load_robot(robot)

@@ -14,9 +14,9 @@ from tci.cli.console import console, print_json
 from tci.errors import CommandError, TciError
 
 if TYPE_CHECKING:
-    from tci.commissioning.expected_motion import ExpectedMotion
     from tci.drivers.diagnosis import Finding
     from tci.drivers.simulated import SimulatedDriver
+    from tci.lab.commissioning.expected_motion import ExpectedMotion
 
 
 class Terminal:
@@ -102,11 +102,11 @@ def check_hardware(
     """
     import numpy as np
 
-    from tci.commissioning.first_minutes import first_minutes, wanted
-    from tci.commissioning.friction import measure_friction
     from tci.drivers.diagnosis import Finding, Level
     from tci.drivers.registry import connect
     from tci.drivers.simulated import SimulatedDriver
+    from tci.lab.commissioning.first_minutes import first_minutes, wanted
+    from tci.lab.commissioning.friction import measure_friction
     from tci.robot.catalogue import load_robot
     from tci.robot.joint_calibration import file_of
 

@@ -14,8 +14,8 @@ from tci.cli.options import AsJson
 from tci.errors import CommandError, meant
 
 if TYPE_CHECKING:
-    from tci.authoring.proposed_arm import Sign
-    from tci.authoring.proposed_fingers import Trust
+    from tci.lab.authoring.proposed_arm import Sign
+    from tci.lab.authoring.proposed_fingers import Trust
     from tci.robot.description import Robot
 
 MODELS = (".urdf", ".xml", ".mjcf")
@@ -103,10 +103,10 @@ def new_robot(
 
     Example:  tci new-robot my_robot.urdf
     """
-    from tci.authoring.left_out import left_out
-    from tci.authoring.proposal import propose
-    from tci.authoring.sleeves import assumed_skins
     from tci.cli.check import remarks
+    from tci.lab.authoring.left_out import left_out
+    from tci.lab.authoring.proposal import propose
+    from tci.lab.authoring.sleeves import assumed_skins
     from tci.robot.mesh_files import NO_MESHES
     from tci.robot.xml import read_robot
     from tci.robot.xml.writer import write_robot
@@ -182,7 +182,7 @@ def _direction(elbow: int | None) -> Sign | None:
 def _trust(fingers: str | None) -> Trust | None:
     """Returns the value of the option --fingers; None without this option. Raises CommandError if the value
     is not valid."""
-    from tci.authoring.proposed_fingers import Trust
+    from tci.lab.authoring.proposed_fingers import Trust
 
     if fingers not in (None, *get_args(Trust)):
         raise CommandError(f"--fingers {fingers}; valid: {', '.join(get_args(Trust))}")

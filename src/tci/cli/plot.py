@@ -40,7 +40,7 @@ def plot(
     from rich.progress import Progress
 
     from tci.capabilities.fields import default_fields
-    from tci.pictures.plot import collect, draw
+    from tci.lab.pictures.plot import collect, draw
     from tci.recording.perceived import perceive, recorded_robot
     from tci.recording.recording import Recording
 

@@ -26,9 +26,9 @@ def record(
 
     Example:  tci record touch.mcap nao --duration 10
     """
+    from tci.cli.session import recorder_for
     from tci.drivers.registry import connect
     from tci.robot.catalogue import load_robot
-    from tci.runtime.session import recorder_for
 
     with (
         connect(load_robot(robot), via, arm=False) as driver,

@@ -16,7 +16,7 @@ from tci.errors import CommandError
 
 if TYPE_CHECKING:
     from tci.drivers.driver import Driver
-    from tci.pictures.film import Film
+    from tci.lab.pictures.film import Film
     from tci.runtime.loop import Tick
 
 
@@ -103,12 +103,12 @@ def run_capability(
     Raises UnknownNameError for an unknown name, DriverError if the connection fails, CommandError for invalid
     times of a fault or for a poke of a real robot, and the errors of the capability.
     """
+    from tci.cli import session as sessions
     from tci.cli.run_view import RunView, conclude
-    from tci.drivers.faults.fault_injector import parse_fault
     from tci.drivers.info import HARMLESS
     from tci.drivers.registry import connect
+    from tci.lab.faults.fault_injector import parse_fault
     from tci.robot.catalogue import load_robot
-    from tci.runtime import session as sessions
     from tci.runtime.arguments import load_capability
 
     capability = load_capability(name)
@@ -169,7 +169,7 @@ def _film(driver: Driver, path: Path, *, quiet: bool) -> Film:
     Raises CommandError if the robot is not simulated."""
     from tci.capabilities.fields import default_fields
     from tci.drivers.simulated import SimulatedDriver
-    from tci.pictures.film import EVERY, Film
+    from tci.lab.pictures.film import EVERY, Film
 
     if not isinstance(driver, SimulatedDriver):
         raise CommandError("--film needs a simulated robot; valid: --via sim")

@@ -12,12 +12,12 @@ from rich.table import Table
 from rich.text import Text
 
 from tci.cli.console import console
-from tci.clock import MonotonicClock
-from tci.drivers.faults.injectors import INJECTORS
+from tci.cli.run_log import Event
+from tci.cli.session import Session
 from tci.drivers.replay import ReplayDriver
+from tci.lab.faults.injectors import INJECTORS
+from tci.messages.clock import MonotonicClock
 from tci.runtime.loop import Tick
-from tci.runtime.run_log import Event
-from tci.runtime.session import Session
 
 COLOURS = {
     "RUN": "green", "HOLD": "yellow", "STOP": "bold red", "touch": "blue", "command": "cyan",

@@ -38,7 +38,7 @@ def show(
 
     Example:  tci skin show left_forearm.txt --out forearm.png
     """
-    from tci.authoring.skin_picture import draw, maps
+    from tci.lab.authoring.skin_picture import draw, maps
 
     found = maps(skin)
     draw(found, out)

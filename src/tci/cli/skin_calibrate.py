@@ -17,8 +17,8 @@ from tci.cli.options import RobotName, Via
 from tci.errors import CommandError
 
 if TYPE_CHECKING:
-    from tci.authoring.calibrate_force import ForceFit
-    from tci.authoring.load_skin import PatchMeasurement
+    from tci.lab.authoring.calibrate_force import ForceFit
+    from tci.lab.authoring.load_skin import PatchMeasurement
 
 
 def calibrate(
@@ -56,7 +56,7 @@ def calibrate(
     """
     from rich.progress import Progress
 
-    from tci.authoring.load_skin import calibrate_patch
+    from tci.lab.authoring.load_skin import calibrate_patch
     from tci.robot.catalogue import load_robot
 
     def ask(words: str) -> None:

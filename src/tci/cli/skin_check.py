@@ -30,7 +30,7 @@ def check(
     """
     from rich.progress import Progress
 
-    from tci.authoring.check_skin import check_skins
+    from tci.lab.authoring.check_skin import check_skins
     from tci.robot.catalogue import load_robot
 
     words = load_robot(robot)

@@ -48,7 +48,7 @@ def fit(
 
     Example:  tci skin fit icub
     """
-    from tci.authoring.fit_skin import fit_skins
+    from tci.lab.authoring.fit_skin import fit_skins
 
     fitted = fit_skins(skin, axis, origin)
     if as_json:

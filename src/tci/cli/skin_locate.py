@@ -38,9 +38,9 @@ def locate(
     import numpy as np
     from rich.progress import Progress
 
-    from tci.authoring.locate_taxels import locate_taxels
-    from tci.authoring.touch_files import read_touches, write_taxels
-    from tci.experiments.self_calibration import calibrate_in_simulation
+    from tci.lab.authoring.locate_taxels import locate_taxels
+    from tci.lab.authoring.touch_files import read_touches, write_taxels
+    from tci.lab.experiments.self_calibration import calibrate_in_simulation
     from tci.robot.catalogue import load_robot
     from tci.robot.kinematics import KinematicChain
     from tci.skin.surfaces import build_surface

@@ -45,9 +45,9 @@ def mount(
     import numpy as np
     from rich.progress import Progress
 
-    from tci.authoring.mount_skin import mount_in_recording, write_mounted
     from tci.errors import CommandError
-    from tci.experiments.self_touch import mount_in_simulation
+    from tci.lab.authoring.mount_skin import mount_in_recording, write_mounted
+    from tci.lab.experiments.self_touch import mount_in_simulation
     from tci.robot.catalogue import load_robot
 
     words = load_robot(robot)

@@ -17,11 +17,11 @@ from tci.cli import completion
 from tci.cli.console import console, told_here
 from tci.cli.options import Arm, Duration, SomeRobots
 from tci.errors import CommandError, RecordingError
-from tci.installed import needs
+from tci.support.installed import needs
 
 if TYPE_CHECKING:
-    from tci.viewer.app import Source
-    from tci.viewer.player import Player
+    from tci.lab.viewer.app import Source
+    from tci.lab.viewer.player import Player
 
 REPLAY = "replay:"
 SIMULATED = {"step": 0.002, "rate": 100.0}
@@ -82,7 +82,7 @@ def view(
     from tci.runtime.watchdogs import interruptions
 
     needs_viewer()
-    from tci.viewer.app import Viewer
+    from tci.lab.viewer.app import Viewer
 
     sources = _sources(robot or [], via or [], capability, arm=arm)
     viewer = Viewer(sources, host=host, port=port, folder=out)
@@ -109,15 +109,15 @@ def view(
 def _sources(names: Sequence[str], vias: Sequence[str], capability: str, *, arm: bool) -> list[Source]:
     """Opens the sources of the viewer: a session for each robot, and a player for each recording."""
     from tci.cli.robots import load_robots
+    from tci.cli.session import about_capability
     from tci.drivers.info import HARMLESS
     from tci.drivers.registry import connect
     from tci.runtime.arguments import load_capability
-    from tci.runtime.session import about_capability
 
     vias = list(vias) or ["sim"]
     if not names and all(via.startswith(REPLAY) for via in vias):
         return [_player(via.removeprefix(REPLAY), None) for via in vias]
-    from tci.viewer.session import Session
+    from tci.lab.viewer.session import Session
 
     behaviour = load_capability(capability)
     found: list[Source] = []
@@ -139,9 +139,9 @@ def _player(file: str, robot: str | None) -> Player:
     the recorded robot is unknown."""
     from rich.progress import Progress
 
+    from tci.lab.viewer.player import Player
     from tci.recording.perceived import recorded_robot
     from tci.recording.recording import Recording
-    from tci.viewer.player import Player
 
     recording = Recording(file)
     found = recorded_robot(recording, robot)

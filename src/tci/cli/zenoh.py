@@ -12,7 +12,7 @@ import typer
 from tci.cli.console import console, print_json
 from tci.cli.options import AsJson
 from tci.errors import DriverError
-from tci.installed import needs
+from tci.support.installed import needs
 
 app = typer.Typer(
     help="Make keys, passwords and access rights for Zenoh, and run a router.", no_args_is_help=True
@@ -41,7 +41,7 @@ def secure(
     Example:  tci zenoh secure keys kitchen --endpoint tls/10.0.0.1:7447 --commander reflex=kitchen
     """
     _needs_zenoh()
-    from tci.drivers.zenoh.secure import write_files
+    from tci.wires.zenoh.secure import write_files
 
     files = write_files(
         folder, endpoint=endpoint, robots=robot, commanders=_users(commander), watchers=_users(watcher)
@@ -67,7 +67,7 @@ def router(
     """Run a Zenoh router until Ctrl-C. Use this command on machines without Zenoh's own router, zenohd."""
     _needs_zenoh()
     from tci.drivers.remote.address import RemoteAddress
-    from tci.drivers.zenoh.session import close_session, open_session
+    from tci.wires.zenoh.session import close_session, open_session
 
     session = open_session(RemoteAddress("zenoh", "router", str(file)), "listen")
     console.print(f"router {session.zid()}; end with Ctrl-C", highlight=False)

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tci.clock import MonotonicClock
 from tci.drivers.diagnosis import Finding
 from tci.drivers.driver import Driver
 from tci.drivers.wrapper import DriverWrapper
 from tci.errors import DriverError
 from tci.messages import Reading, SkinFrame
+from tci.messages.clock import MonotonicClock
 
 
 class CombinedDriver(DriverWrapper):

@@ -12,13 +12,13 @@ from weakref import finalize
 
 import numpy as np
 
-from tci.clock import Clock, ticks
 from tci.drivers.diagnosis import Finding
 from tci.drivers.info import DriverInfo
 from tci.drivers.lease import Lease, has_locks, held, lease
 from tci.errors import CommandError, DriverError, UnknownNameError
 from tci.gate.gate import Gate, SafeCommand
 from tci.messages import JointReading, Mode, PlatformCommand, Reading
+from tci.messages.clock import Clock, ticks
 from tci.robot.description import Robot, Servo
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Self
 
-from tci.clock import Clock
 from tci.gate.gate import Gate
 from tci.gate.settings import GateSettings
+from tci.messages.clock import Clock
 from tci.robot.description import Robot
 
 HARMLESS = ("sim", "replay")

@@ -14,9 +14,9 @@ from tci.drivers.combined_server import JOIN, CombinedServer
 from tci.drivers.driver import Driver
 from tci.drivers.server import Server
 from tci.errors import DriverError, TciError, UnknownNameError
-from tci.installed import needs
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
+from tci.support.installed import needs
 
 DRIVERS = "tci.drivers"
 SERVERS = "tci.servers"

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from tci.clock import MonotonicClock
 from tci.drivers.driver import Driver
 from tci.drivers.info import DriverInfo
 from tci.errors import DriverError, UnknownNameError
 from tci.gate.gate import SafeCommand
 from tci.messages import Mode, Reading, SkinFrame
+from tci.messages.clock import MonotonicClock
 from tci.robot.description import Robot
 from tci.simulation.world import World
 from tci.skin.send_on_delta import SendOnDelta

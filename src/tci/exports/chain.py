@@ -12,7 +12,7 @@ import numpy as np
 
 from tci.errors import UnknownNameError
 from tci.exports.tree import Inertia, KinematicLink, Matrix, links_of, rows, vector
-from tci.frames import Array, invert
+from tci.messages.frames import Array, invert
 from tci.robot.description import Description, Robot, Vector
 
 

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from tci.errors import TciError
-from tci.frames import Array, apply, invert, read_only
+from tci.messages.frames import Array, apply, invert, read_only
 from tci.robot.description import Robot
 from tci.robot.generic_arm import segment_rotation
 from tci.robot.joint_map import initial_position

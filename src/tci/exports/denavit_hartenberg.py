@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from tci.errors import CommandError
-from tci.frames import Array, invert, read_only, rotation_x, rotation_z, transform
+from tci.messages.frames import Array, invert, read_only, rotation_x, rotation_z, transform
 from tci.robot.kinematics import KinematicChain
 
 _PARALLEL = 1e-9

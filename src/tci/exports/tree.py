@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from tci.engine import mujoco
 from tci.errors import DescriptionError, Fault
-from tci.frames import Array, transform
+from tci.messages.frames import Array, transform
 from tci.robot.description import Description, Robot, Vector
 from tci.robot.kinematics import at_zero, bare_model, joints_of
 from tci.robot.model_file import load_spec
+from tci.support.engine import mujoco
 
 Matrix = tuple[tuple[float, ...], ...]
 """A matrix as a tuple of rows."""

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from tci.errors import DescriptionError, Fault
 from tci.exports.tree import KinematicLink, links_of
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.description import Robot
 
 TORSO = "tci_torso"

@@ -12,14 +12,14 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.compiled import entry
 from tci.errors import CommandError
-from tci.frames import Array
 from tci.gate.kernels.motion import all_finite
 from tci.gate.kernels.targets import is_acceptable
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
+from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot, Servo
+from tci.support.compiled import entry
 
 NEEDED = ("lower", "upper", "velocity", "acceleration", "jerk")
 """Limits that are required to move a servo."""

@@ -7,13 +7,13 @@ from collections.abc import Collection, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.compiled import entry
-from tci.frames import Array
 from tci.gate.joint_group import JointGroup
 from tci.gate.kernels.stops import take_room
 from tci.gate.self_collision import SelfCollision
 from tci.gate.stop_plan import StopTrajectory
+from tci.messages.frames import Array
 from tci.reasons import Reason
+from tci.support.compiled import entry
 
 _take_room = entry(take_room)
 LOOKS = 16

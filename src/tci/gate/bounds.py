@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.frames import Array
 from tci.gate.kernels.couplings import MARGIN as MARGIN
 from tci.gate.kernels.couplings import find_nearest
+from tci.messages.frames import Array
 from tci.robot.description import Robot
 
 APPROACH = 0.5

@@ -8,7 +8,6 @@ from operator import is_
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.frames import Array, frozen
 from tci.gate.acceptance import check_start
 from tci.gate.body_guard import BodyGuard
 from tci.gate.joint_group import JointGroup, groups_of, make_chain
@@ -18,6 +17,7 @@ from tci.gate.settings import GateSettings
 from tci.gate.stop_plan import StopTrajectory
 from tci.gate.trajectory import Guard
 from tci.messages import Mode
+from tci.messages.frames import Array, frozen
 from tci.reasons import Reason
 from tci.robot.description import Robot
 

@@ -22,7 +22,6 @@ from types import MappingProxyType
 import numpy as np
 
 from tci.errors import CommandError, DriverError, TciError
-from tci.frames import Array
 from tci.gate.acceptance import by_servo, check_command, fault_of_reading
 from tci.gate.joint_monitor import JointMonitor
 from tci.gate.motion import Motion
@@ -33,6 +32,7 @@ from tci.gate.settings import GateCounts as GateCounts
 from tci.gate.settings import GateSettings as GateSettings
 from tci.gate.settings import Tally
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder
+from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 

@@ -14,17 +14,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.compiled import entry
 from tci.errors import CommandError
-from tci.frames import Array
 from tci.gate.acceptance import FAR_OFF, SLOWEST
 from tci.gate.bounds import Bounds, bounds_of
 from tci.gate.kernels.couplings import shift
 from tci.gate.kernels.targets import take_targets
 from tci.gate.trajectory import Guard, OnlineTrajectory
+from tci.messages.frames import Array
 from tci.reasons import Code
 from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
+from tci.support.compiled import entry
 
 _take_targets = entry(take_targets)
 

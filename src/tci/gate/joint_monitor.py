@@ -14,9 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.compiled import entry
 from tci.errors import TciError
-from tci.frames import Array
 from tci.gate.kernels.motion import (
     DEAF,
     DISAGREES,
@@ -28,8 +26,10 @@ from tci.gate.kernels.motion import (
     judge_reading,
 )
 from tci.messages import JointReading, Mode
+from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
+from tci.support.compiled import entry
 
 _judge_reading = entry(judge_reading)
 JUDGED = (Mode.POSITION, Mode.VELOCITY)

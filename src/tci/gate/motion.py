@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import CommandError
-from tci.frames import Array, frozen
 from tci.gate.acceptance import (
     FAR_OFF,
     by_servo,
@@ -29,6 +28,7 @@ from tci.gate.spare_motion import SpareMotion
 from tci.gate.speeds import Slope, Speeds
 from tci.gate.torque import TorqueLimiter
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
+from tci.messages.frames import Array, frozen
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 

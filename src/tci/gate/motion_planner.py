@@ -14,7 +14,7 @@ from ruckig import (
     Synchronization,
 )
 
-from tci.frames import Array
+from tci.messages.frames import Array
 
 
 class MotionPlanner:

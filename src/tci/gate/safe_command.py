@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import DriverError
-from tci.frames import Array
 from tci.messages import Mode, PlatformOrder
+from tci.messages.frames import Array
 from tci.reasons import Reason
-from tci.records import quick
+from tci.support.records import quick
 
 
 class GateState(Enum):

@@ -11,17 +11,17 @@ from functools import lru_cache
 
 import numpy as np
 
-from tci.compiled import entry
-from tci.engine import mujoco
 from tci.errors import TciError
-from tci.frames import Array
 from tci.gate.kernels.clearance_bounds import come_near, follow, stand
 from tci.gate.kernels.solids import Solids
+from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.clearance import Clearance, without_skin
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 from tci.skin.kernels.arrays import Indices
+from tci.support.compiled import entry
+from tci.support.engine import mujoco
 
 MARGIN = 0.005
 """Smallest allowed distance [m] between two links. Assumed: covers the lag of servos and the errors of

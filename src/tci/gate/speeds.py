@@ -6,10 +6,10 @@ from collections import deque
 
 import numpy as np
 
-from tci.compiled import entry
-from tci.frames import Array
 from tci.gate.kernels.motion import all_finite
 from tci.messages import JointReading
+from tci.messages.frames import Array
+from tci.support.compiled import entry
 
 _all_finite = entry(all_finite)
 SMOOTHING = 0.05

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from tci.compiled import entry
-from tci.frames import Array
 from tci.gate.bounds import Bounds
 from tci.gate.kernels.stops import (
     ACCELERATION,
@@ -24,6 +22,8 @@ from tci.gate.kernels.stops import (
     follow_stop,
     plan_stop,
 )
+from tci.messages.frames import Array
+from tci.support.compiled import entry
 
 _plan_stop, _follow_stop = entry(plan_stop), entry(follow_stop)
 LONGEST_STOP = 512

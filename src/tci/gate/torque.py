@@ -17,10 +17,10 @@ from types import EllipsisType
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.frames import Array
 from tci.gate.bounds import APPROACH, MARGIN
 from tci.gate.kernels import torques as at
 from tci.gate.way_inside import CREEP, QUICK
+from tci.messages.frames import Array
 from tci.robot.description import Robot
 
 EARLY = 0.01

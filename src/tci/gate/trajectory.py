@@ -6,15 +6,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from tci.compiled import entry
 from tci.errors import CommandError
-from tci.frames import Array
 from tci.gate.bounds import MARGIN, Bounds
 from tci.gate.kernels.targets import SPEED, TARGET, straight_limits
 from tci.gate.motion_planner import MotionPlanner
 from tci.gate.stop_plan import StopPlanner, StopTrajectory
 from tci.gate.way_inside import OUTSIDE, STILL, UNPLANNED, creeping, sags, was_there
+from tci.messages.frames import Array
 from tci.reasons import Code, Reason
+from tci.support.compiled import entry
 
 _straight_limits = entry(straight_limits)
 LEAST_SHARE = 1e-6

@@ -6,9 +6,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from tci.frames import Array
 from tci.gate.acceptance import SLOWEST
 from tci.gate.bounds import Bounds
+from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 
 CREEP = 0.1

@@ -18,9 +18,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tci.errors import TciError
-from tci.frames import Array, angle_between, read_only
 from tci.gestures.gesture import Gesture
 from tci.gestures.rows import LARGEST, read_rows
+from tci.messages.frames import Array, angle_between, read_only
 from tci.robot.generic_arm import Side, shoulder_angles, side_sign
 from tci.robot.xml.document import read_bytes, refuse, shown
 from tci.robot.xml.values import InvalidValueError, decimal

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from tci.errors import TciError
-from tci.frames import read_only
 from tci.gestures.gesture import Gesture
 from tci.gestures.rows import COLUMNS, LARGEST, read_rows
+from tci.messages.frames import read_only
 from tci.robot.xml.document import read_bytes, refuse, shown
 
 TIME = "time_s"

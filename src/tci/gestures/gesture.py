@@ -16,7 +16,7 @@ from scipy.interpolate import PchipInterpolator
 from tci.body.posture import speed_limits
 from tci.body.retarget import retarget, with_retargeting
 from tci.errors import CommandError, TciError
-from tci.frames import Array, read_only
+from tci.messages.frames import Array, read_only
 from tci.robot.description import GenericPart, Robot
 from tci.robot.joint_map import JointMap, initial_position, joint_map
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.xml.document import refuse, shown
 from tci.robot.xml.values import NUMBER
 

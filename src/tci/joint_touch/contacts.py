@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tci.errors import TciError
-from tci.frames import Array
 from tci.joint_touch.estimator import Explanation, PartEstimator, unit_torques
 from tci.joint_touch.observer import MomentumObserver, ObserverSettings, Residual
 from tci.messages import Contacts, JointReading
+from tci.messages.frames import Array
 from tci.robot.joint_calibration import JointCalibration
 from tci.skin.contacts import describe_touches
 from tci.skin.layout import SkinLayout

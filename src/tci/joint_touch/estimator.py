@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.frames import Array
 from tci.joint_touch.observer import Residual
+from tci.messages.frames import Array
 from tci.robot.description import Robot
 from tci.robot.kinematics import KinematicChain
 from tci.skin.surfaces import Surface

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tci.errors import TciError
-from tci.frames import Array
 from tci.messages import JointReading
+from tci.messages.frames import Array
 from tci.robot.description import Robot
 from tci.robot.dynamics import Dynamics
 from tci.robot.joint_calibration import JointCalibration

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
 from tci.errors import DescriptionError, Fault, RecordingError
-from tci.frames import Array, read_only
 from tci.messages import SkinFrame
+from tci.messages.frames import Array, read_only
 from tci.recording.importing import FROM_FILE, LONGEST_LINE, import_frames
 from tci.robot.description import Description, Patch, Robot
 from tci.robot.xml.values import NUMBER

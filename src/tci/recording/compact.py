@@ -18,10 +18,10 @@ from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
 from tci.errors import RecordingError, TciError
 from tci.recording.recording import Recording
+from tci.recording.rosmsg.cdr import MessageType, encode
 from tci.recording.schemas import CLOUD, JOINTS, SKIN, cloud_fields, header, to_nanoseconds
 from tci.recording.topics import Topics
 from tci.robot.description import Robot
-from tci.rosmsg.cdr import MessageType, encode
 
 CLOUDS = 10.0
 """Rate [Hz] of point clouds. Assumed: this is enough for display, as every raw frame is also stored."""

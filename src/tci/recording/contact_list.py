@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from tci.errors import FrameError, RecordingError
-from tci.frames import read_only
 from tci.messages import SkinFrame
+from tci.messages.frames import read_only
 from tci.recording.contact_tables import TableFit, compare_tables, read_tables
 from tci.recording.importing import import_frames
 from tci.recording.skin_manager import SKIN_PARTS, SkinContact, read_skin_events

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tci.errors import DescriptionError
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.recording.skin_manager import SKIN_PARTS, SkinContact
 from tci.robot.description import Robot, Table
 from tci.robot.skin_files.reader import read_layout

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import RecordingError, UnknownNameError
-from tci.installed import needs
 from tci.messages import SkinFrame
 from tci.recording.names import distinct, inside
 from tci.recording.perceived import perceive
 from tci.recording.recording import Recording
+from tci.recording.rosmsg.cdr import decode
 from tci.recording.schemas import COMMAND, DECISION, JOINTS, SKIN, to_frame
 from tci.robot.description import Robot
-from tci.rosmsg.cdr import decode
 from tci.skin.skin import Skin
+from tci.support.installed import needs
 
 FORMATS = ("csv", "npz", "parquet")
 Table = dict[str, NDArray[Any]]

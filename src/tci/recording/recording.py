@@ -21,8 +21,9 @@ from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, 
 from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 
 from tci.errors import RecordingError
-from tci.frames import Array
 from tci.messages import JointReading, Reading, SkinFrame
+from tci.messages.frames import Array
+from tci.recording.rosmsg.cdr import MessageType, decode
 from tci.recording.schemas import (
     COMMAND,
     DECISION,
@@ -36,7 +37,6 @@ from tci.recording.schemas import (
     to_gravity,
     to_joints,
 )
-from tci.rosmsg.cdr import MessageType, decode
 
 VALID = "valid: a recording of TCI (.mcap), as from tci record or tci run --record"
 """End of each error message about a file that is not a whole recording."""

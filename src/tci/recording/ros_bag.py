@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from tci.errors import RecordingError
-from tci.frames import read_only
-from tci.installed import needs
 from tci.messages import JointReading, Reading, SkinFrame
+from tci.messages.frames import read_only
 from tci.recording.importing import FIRST, check_size, importing
 from tci.recording.names import servo_names
 from tci.recording.schemas import JOINTS, SKIN, to_frame
 from tci.robot.description import Robot
+from tci.support.installed import needs
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 JUMP = 1.0

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import RecordingError
-from tci.frames import Array, read_only
 from tci.gate.safe_command import SafeCommand
 from tci.messages import (
     CartesianCommand,
@@ -24,8 +23,9 @@ from tci.messages import (
     SkinFrame,
     SwitchMode,
 )
+from tci.messages.frames import Array, read_only
 from tci.reasons import NO_REASON, number_of, text_of
-from tci.rosmsg.cdr import MessageType, decode, encode
+from tci.recording.rosmsg.cdr import MessageType, decode, encode
 
 MODES = tuple(Mode)
 """Modes in the order of their numbers in a recording. The number 255 means that the mode is unknown."""

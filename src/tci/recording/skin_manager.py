@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from tci.errors import FrameError
-from tci.frames import Array, read_only
+from tci.messages.frames import Array, read_only
 
 NEIGHBOUR = 0.012
 """Default of the largest distance [m] between neighbouring taxels (skinManager's maxNeighborDist). Some

@@ -6,7 +6,7 @@ from typing import Any
 
 from mcap.writer import Writer
 
-from tci.rosmsg.cdr import MessageType
+from tci.recording.rosmsg.cdr import MessageType
 
 
 class Topics:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.recording.perceived import Perceived
 
 PAUSE = 0.3

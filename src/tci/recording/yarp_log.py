@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from tci.errors import RecordingError
-from tci.frames import read_only
 from tci.messages import SkinFrame
+from tci.messages.frames import read_only
 from tci.recording.importing import LONGEST_LINE, import_frames
 from tci.robot.description import Robot
 

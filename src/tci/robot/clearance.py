@@ -14,13 +14,13 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.engine import mujoco
 from tci.errors import CommandError
-from tci.frames import Array, read_only
+from tci.messages.frames import Array, read_only
 from tci.robot.collisions import exclude_overlaps, solid_spec
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 from tci.robot.kinematics import joints_of
+from tci.support.engine import mujoco
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,13 +14,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from tci.engine import mujoco
 from tci.errors import DescriptionError, Fault
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.description import Robot
 from tci.robot.hulls import HULL_VERTICES, keep_hulls
 from tci.robot.kinematics import joints_of
 from tci.robot.model_file import compiled, load_spec
+from tci.support.engine import mujoco
 
 LEFT, RIGHT, SKIN, GROUND = 1, 2, 4, 8
 """Bits of MuJoCo's `contype` and `conaffinity`, which select the geoms that collide with each other. Skin

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from tci.engine import mujoco
 from tci.errors import UnknownNameError
-from tci.frames import Array, read_only
+from tci.messages.frames import Array, read_only
 from tci.robot.description import Robot
 from tci.robot.gravity import STANDARD_GRAVITY, weighted_model
 from tci.robot.joint_calibration import JointCalibration
 from tci.robot.kinematics import joints_of
+from tci.support.engine import mujoco
 
 UPRIGHT = read_only([0.0, 0.0, -STANDARD_GRAVITY])
 """Gravity minus acceleration (3,) [m/s2] of a torso that is upright and at rest."""

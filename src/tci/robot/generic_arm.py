@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from tci.frames import Array, rotation_y, rotation_z
+from tci.messages.frames import Array, rotation_y, rotation_z
 
 Side = Literal["left", "right"]
 

@@ -7,12 +7,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from tci.engine import mujoco
 from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
-from tci.frames import Array, read_only
+from tci.messages.frames import Array, read_only
 from tci.robot.description import Model, Robot
 from tci.robot.kinematics import KinematicChain, bare_model, joints_of, written
 from tci.robot.model_file import load_spec
+from tci.support.engine import mujoco
 
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of gravity [m/s2] (3rd CGPM, 1901)."""

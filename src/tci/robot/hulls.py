@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.engine import mujoco
-from tci.frames import read_only
+from tci.messages.frames import read_only
 from tci.robot.model_file import compile_once
+from tci.support.engine import mujoco
 
 HULL_VERTICES = 64
 """Largest number of vertices of a mesh's convex hull. Assumed: more vertices take more time and have no

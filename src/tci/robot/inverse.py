@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.engine import mujoco
 from tci.errors import CommandError
-from tci.frames import Array, read_only
+from tci.messages.frames import Array, read_only
 from tci.reasons import Code
 from tci.robot.description import Robot
 from tci.robot.kinematics import KinematicChain
+from tci.support.engine import mujoco
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from tci.errors import TciError, UnknownNameError
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.description import Description, Robot
 from tci.robot.description.base import Vector
 from tci.robot.json_file import read_json

@@ -6,14 +6,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.compiled import entry
 from tci.errors import FrameError
-from tci.frames import Array, frozen, read_only
 from tci.messages import JointReading
+from tci.messages.frames import Array, frozen, read_only
 from tci.robot.description import GenericPart, Robot
 from tci.robot.kernels.joints import combine_servos
 from tci.robot.per_robot import per_robot
 from tci.robot.transforms import KINDS, Coupled, Linear, Retarget, Synergy, Table, Transform, servo_speeds
+from tci.support.compiled import entry
 
 _combine_servos = entry(combine_servos)
 

@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.compiled import entry
-from tci.engine import mujoco
 from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
-from tci.frames import Array, read_only, transform
+from tci.messages.frames import Array, read_only, transform
 from tci.robot.description import Model, Robot
 from tci.robot.kernels.links import BEFORE, SERVO, link_poses, pose_and_jacobian
 from tci.robot.model_file import BOUND_INERTIA, BOUND_MASS, compiled, load_spec
+from tci.support.compiled import entry
+from tci.support.engine import mujoco
 
 _link_poses, _ORIGIN = entry(link_poses), np.zeros(3)
 _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)

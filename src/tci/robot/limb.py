@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tci.frames import Array
+from tci.messages.frames import Array
 
 RHO = 0.3
 """Standard radius of the generic limb, as a fraction of its length. Assumed: between the fractions of an

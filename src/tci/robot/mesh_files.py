@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tci.errors import DescriptionError, Fault
-from tci.installed import needs
+from tci.support.installed import needs
 
 READABLE = (".stl", ".obj", ".msh")
 """File-name suffixes that MuJoCo reads."""

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
-from tci.engine import mujoco
 from tci.errors import DescriptionError, Fault
-from tci.frames import rotation_rpy
+from tci.messages.frames import rotation_rpy
 from tci.robot.description import Attachment, Model
 from tci.robot.mesh_files import NO_MESHES, VALID_MESHES, MeshFiles
+from tci.support.engine import mujoco
 
 SMALLEST = 1e-12
 """Principal moment of inertia [kg m2] below which a value is a placeholder. Assumed: one gram at a distance

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.frames import Array
+from tci.messages.frames import Array
 
 MOST = 1_000_000
 """Largest number of distances that are computed without a k-d tree. Assumed: this computation takes at most

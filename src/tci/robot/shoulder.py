@@ -15,7 +15,7 @@ from math import atan2, cos, dist, pi, remainder, sin, sqrt
 import numpy as np
 
 from tci.errors import DescriptionError, Fault
-from tci.frames import Array, read_only
+from tci.messages.frames import Array, read_only
 from tci.robot.description import GenericPart, Robot
 from tci.robot.generic_arm import shoulder_angles, side_sign, upper_arm_rotation
 from tci.robot.kinematics import KinematicChain

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import CommandError
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.description import GenericPart, GenericServo, Robot
 
 KINDS = ("linear", "table", "coupled", "synergy", "retarget")

@@ -22,11 +22,11 @@ from tci.body.generic_body import BodySettings, GenericBody
 from tci.body.perceiver import Perceiver
 from tci.capabilities.capability import Capability
 from tci.capabilities.orders import begin_of, step_of
-from tci.clock import ROUNDING, MonotonicClock
 from tci.drivers.driver import Driver
 from tci.errors import CommandError, FrameError
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import JointReading, Order, Perception, Reading, SkinState
+from tci.messages.clock import ROUNDING, MonotonicClock
 from tci.reasons import Code, Reason
 from tci.runtime.arguments import as_capability, as_driver, check_duration
 from tci.runtime.loop_report import LoopReport

@@ -10,9 +10,9 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from tci.drivers.driver import Driver
-from tci.frames import Array
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import Perception
+from tci.messages.frames import Array
 from tci.reasons import Notice, Reason, ReasonCounter, text_of
 from tci.runtime.loop_report import LoopReport
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 
 from tci.body.generic_body import GenericBody, order_to_platform
 from tci.capabilities.capability import Capability
-from tci.clock import Clock, MonotonicClock
 from tci.drivers.server import Server
 from tci.errors import TciError
 from tci.messages import Order, Perception, PlatformOrder
+from tci.messages.clock import Clock, MonotonicClock
 from tci.reasons import Code, Reason, ReasonCounter
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport

@@ -14,9 +14,9 @@ from types import FrameType
 
 import numpy as np
 
-from tci.clock import Clock
-from tci.frames import Array
 from tci.messages import Contacts, JointReading, Reading
+from tci.messages.clock import Clock
+from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 

@@ -8,14 +8,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tci.engine import mujoco
 from tci.errors import CommandError, TciError
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.collisions import SKIN
 from tci.simulation import stepping as at
 from tci.simulation.physics import Physics, exclusive
 from tci.simulation.posed_skin import PosedSkin
 from tci.simulation.touch import FINGER_PRIORITY, FINGER_TIP, stiff
+from tci.support.engine import mujoco
 
 RADIUS = 0.005
 """Radius of the tip [m]."""

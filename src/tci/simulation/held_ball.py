@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tci.errors import TciError
-from tci.frames import Array, apply, invert, read_only
+from tci.messages.frames import Array, apply, invert, read_only
 from tci.robot.description import Robot
 from tci.robot.generic_fingers import FINGERS, FLEXIONS, PALM
 from tci.robot.joint_map import JointMap, joint_map

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from tci.errors import TciError
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.skin.surfaces import Surface
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from tci.engine import mujoco
-from tci.frames import Array, read_only
+from tci.messages.frames import Array, read_only
 from tci.robot.description import Robot
 from tci.robot.gravity import Gravity
 from tci.robot.kinematics import joints_of
 from tci.simulation.physics import Physics, exclusive
+from tci.support.engine import mujoco
 
 
 class JointTorques:

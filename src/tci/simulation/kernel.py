@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import float64, int64
 
-from tci.compiled import compiled, inlined, reads, views, writes
-from tci.frames import Array
+from tci.messages.frames import Array
+from tci.support.compiled import compiled, inlined, reads, views, writes
 
 SIGMA = 3e-3
 """Width [m] (standard deviation) of the Gaussian over which the cover of the taxels spreads a force. Assumed:

@@ -10,10 +10,10 @@ from typing import Any, ParamSpec, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.compiled import entry
-from tci.engine import mujoco
-from tci.frames import Array, transform
+from tci.messages.frames import Array, transform
 from tci.simulation import stepping
+from tci.support.compiled import entry
+from tci.support.engine import mujoco
 
 _march = entry(stepping.march)
 P = ParamSpec("P")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tci.errors import CommandError, UnknownNameError
-from tci.frames import Array, apply, invert
+from tci.messages.frames import Array, apply, invert
 from tci.robot.description import Model
 from tci.simulation.physics import Physics
 from tci.skin.surfaces import Surface

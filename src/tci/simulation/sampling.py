@@ -6,9 +6,9 @@ import math
 
 from numba import int64
 
-from tci.compiled import compiled, inlined, reads, returns, writes
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.simulation.kernel import REACH, ROWS, SHARE, share_into, within
+from tci.support.compiled import compiled, inlined, reads, returns, writes
 
 SLOTS = 16
 """Largest number of contacts on one patch at a time. Assumed: the simulated finger makes far fewer

@@ -9,15 +9,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tci.engine import mujoco
 from tci.errors import CommandError
-from tci.frames import Array, apply, invert, transform
+from tci.messages.frames import Array, apply, invert, transform
 from tci.robot.collisions import GROUND, exclude_overlaps, solid_spec
 from tci.robot.description import SOLE, Robot
 from tci.robot.kinematics import KinematicChain
 from tci.simulation.finger import RADIUS, add_finger
 from tci.simulation.touch import FINGER_PRIORITY, FLOOR, add_skin
 from tci.skin.surfaces import Surface
+from tci.support.engine import mujoco
 
 FRICTION = [0.8, 0.005, 0.0001]
 """Friction of the floor: sliding, spinning [m], rolling [m]. Assumed: rubber on wood."""

@@ -11,14 +11,14 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tci.compiled import entry
-from tci.engine import mujoco
 from tci.errors import CommandError
-from tci.frames import Array, read_only
 from tci.messages import Mode
+from tci.messages.frames import Array, read_only
 from tci.robot.description import Robot
 from tci.simulation import stepping as at
 from tci.simulation.physics import Physics
+from tci.support.compiled import entry
+from tci.support.engine import mujoco
 
 TIME_CONSTANT = 5e-3
 """Time constant [s] of each servo. Assumed: the servo's response has two poles with this time constant. So

@@ -13,10 +13,10 @@ from typing import Any
 from llvmlite import binding
 from numba import float64, int64, types
 
-from tci.compiled import compiled, inlined, reads, returns, views, writes
-from tci.engine import mujoco
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.simulation.sampling import DUE, SKIN, SLOTS, Arrays, sample
+from tci.support.compiled import compiled, inlined, reads, returns, views, writes
+from tci.support.engine import mujoco
 
 SETPOINT, STRIDE, LAG, LEAD, RATIO, SHIFT, ADVANCE = range(7)
 """Rows of an array (7, k) with the state of the k joints that servos move:

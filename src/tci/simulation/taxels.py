@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import TciError
-from tci.frames import Array, frozen
 from tci.messages import SkinFrame
+from tci.messages.frames import Array, frozen
 from tci.robot.description import Patch
 from tci.simulation import sampling as at
 from tci.simulation.imperfection import Imperfection, ImperfectTaxels

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.engine import mujoco
-from tci.frames import Array, apply, invert
+from tci.messages.frames import Array, apply, invert
 from tci.robot.collisions import GROUND, SKIN
 from tci.simulation.physics import Physics
 from tci.simulation.sampling import SLOTS
 from tci.skin.surfaces import Surface
 from tci.skin.triangulation import is_sheet
+from tci.support.engine import mujoco
 
 _FIELDS = (
     mujoco.mjtConDataField.mjCONDATA_FOUND,

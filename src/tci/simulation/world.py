@@ -10,10 +10,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tci.engine import mujoco
 from tci.errors import CommandError, DescriptionError, Fault
-from tci.frames import Array
 from tci.messages import JointReading, Mode, SkinFrame
+from tci.messages.frames import Array
 from tci.robot.collisions import NO_MODEL
 from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
@@ -27,6 +26,7 @@ from tci.simulation.servos import Servos
 from tci.simulation.taxels import Taxels
 from tci.simulation.touch import ContactTruth, contact_truth
 from tci.skin.surfaces import Surface, surfaces_of
+from tci.support.engine import mujoco
 
 MIDDLEWARE = "sim"
 MAX_STEP = 0.005

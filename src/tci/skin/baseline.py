@@ -14,10 +14,10 @@ from math import exp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tci.compiled import entry
 from tci.errors import TciError
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.skin.kernels.baseline import ROOM, BaselineArrays, Window, update_baseline
+from tci.support.compiled import entry
 
 _update_baseline = entry(update_baseline)
 

@@ -16,10 +16,9 @@ from operator import gt, lt
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.compiled import entry
 from tci.errors import TciError, UnknownNameError
-from tci.frames import frozen
 from tci.messages import SkinFrame, SkinState
+from tci.messages.frames import frozen
 from tci.skin.baseline import BaselineSettings
 from tci.skin.estimation import PatchEstimator
 from tci.skin.frame_buffer import FrameBuffer
@@ -48,6 +47,7 @@ from tci.skin.kernels.condition import (
 )
 from tci.skin.layout import SkinLayout
 from tci.skin.shear import ForceVectors
+from tci.support.compiled import entry
 
 RESTART = 1.0
 """If a frame has a lower sequence number than the previous frame, but its stamp is later by more than this

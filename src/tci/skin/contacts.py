@@ -13,10 +13,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tci.compiled import entry
 from tci.errors import TciError, UnknownNameError
-from tci.frames import Array
 from tci.messages import Contact, Contacts, Site, SkinState
+from tci.messages.frames import Array
 from tci.robot.kernels.weighted_force import mean_force
 from tci.robot.limb import generic_limb_point
 from tci.skin.estimation import SATURATED
@@ -26,6 +25,7 @@ from tci.skin.kernels.contacts import SUMMARY, cluster, describe
 from tci.skin.kernels.isolated import WAITING, reject_isolated
 from tci.skin.layout import AXES, SkinLayout
 from tci.skin.tracking import Tracker
+from tci.support.compiled import entry
 
 _NONE = Contacts.of(())
 _cluster, _describe, _reject_isolated = entry(cluster), entry(describe), entry(reject_isolated)

@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.description import SOLE
 from tci.skin.baseline import Baseline, BaselineSettings
 from tci.skin.fill_factor import is_surface

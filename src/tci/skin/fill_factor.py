@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.near_points import distances_within, number_within
 from tci.skin.surfaces import NEIGHBOUR_DISTANCE, Surface
 from tci.skin.triangulation import is_sheet

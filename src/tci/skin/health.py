@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import TciError
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.skin.baseline import Baseline, near
 from tci.skin.kernels.baseline import NOISE_GAIN, Window
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from tci.errors import TciError
-from tci.frames import Array
+from tci.messages.frames import Array
 
 EARLY = 1e-6
 """Time [s] that is subtracted from the time for which an isolated taxel must be pressed to be a contact. This

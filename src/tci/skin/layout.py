@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import TciError
-from tci.frames import Array, frozen, read_only
 from tci.messages import Site
+from tci.messages.frames import Array, frozen, read_only
 from tci.robot.description import GenericPart, Patch, Robot, Segment, Sensor
 from tci.robot.description.sensor import along
 from tci.robot.generic_arm import SEGMENTS

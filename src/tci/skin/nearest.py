@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.frames import Array
+from tci.messages.frames import Array
 
 FLAT = 1e-12
 """A face counts as having no area if the squared sine of the angle at its first corner is at most this

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tci.errors import TciError
-from tci.frames import Array, read_only
 from tci.messages import JointReading, SkinState
+from tci.messages.frames import Array, read_only
 from tci.robot.limb import generic_limb_distance
 from tci.skin.skin import Skin
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.frames import Array, doubles
 from tci.messages import SkinFrame
+from tci.messages.frames import Array, doubles
 from tci.robot.description import Patch
 from tci.skin.kernels.arrays import ActiveTaxels, Places
 from tci.skin.layout import AXES, SkinLayout

@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 
 from tci.errors import TciError, UnknownNameError
-from tci.frames import Array, apply, invert, transform
 from tci.messages import JointReading
+from tci.messages.frames import Array, apply, invert, transform
 from tci.robot.description import GenericPart, Robot, Segment
 from tci.robot.generic_arm import limb_coordinates, segment_rotation
 from tci.robot.joint_map import generic_posture

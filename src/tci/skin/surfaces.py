@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import DescriptionError, Fault
-from tci.frames import Array, apply, invert, read_only, rotation_rpy, rotation_z, transform
+from tci.messages.frames import Array, apply, invert, read_only, rotation_rpy, rotation_z, transform
 from tci.robot.description import Patch, Robot, TriangularModules, TruncatedCone
 from tci.robot.kinematics import KinematicChain
 from tci.robot.near_points import nearest, pairs_within

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tci.compiled import entry
 from tci.errors import TciError
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.skin.kernels.arrays import ContactArrays
 from tci.skin.kernels.track import TRACK, track
+from tci.support.compiled import entry
 
 _track = entry(track)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.near_points import nearest
 
 SHEET = 0.3

@@ -14,8 +14,8 @@ from typing import Any, Self
 import numpy as np
 
 from drivers.served import needs_qi
-from tci.frames import read_only
 from tci.messages import JointReading, Mode, PlatformCommand, Reading, SkinFrame
+from tci.messages.frames import read_only
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
@@ -28,8 +28,8 @@ class StillNao:
         needs_qi()
         import qi
 
-        from tci.drivers.naoqi.board import Board
-        from tci.drivers.naoqi.services import all_services
+        from tci.wires.naoqi.board import Board
+        from tci.wires.naoqi.services import all_services
 
         self.robot = robot or load_robot("nao")
         position = read_only(initial_position(self.robot))

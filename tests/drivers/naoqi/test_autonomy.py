@@ -81,7 +81,7 @@ def test_a_robot_that_restarts_is_not_back_before_its_life_can_be_asked(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     with LivingNao("disabled") as nao, connect(ROBOT, nao.via, arm=True) as driver:
-        monkeypatch.setattr("tci.drivers.naoqi.session.TIMEOUT", 1.0)
+        monkeypatch.setattr("tci.wires.naoqi.session.TIMEOUT", 1.0)
         nao.kill()
         with LivingNao("solitary", nao.port, late=True) as again:
             wait_for(lambda: "no service ALAutonomousLife" in driver._poller.trouble, driver)
@@ -115,7 +115,7 @@ def test_what_stays_off_is_told_with_what_to_do() -> None:
 
 
 def test_what_can_not_be_switched_off_after_a_gap_stops_the_gate() -> None:
-    from tci.drivers.naoqi.services import ALAutonomousLife
+    from tci.wires.naoqi.services import ALAutonomousLife
 
     class Stubborn(ALAutonomousLife):
         def setState(self, state: str) -> None:
@@ -146,9 +146,9 @@ def test_life_that_somebody_switches_on_meanwhile_stops_the_gate() -> None:
 
 def test_life_that_comes_after_the_driver_and_is_on_stops_the_gate(monkeypatch: pytest.MonkeyPatch) -> None:
     """While a robot boots, its services become available one after the other."""
-    from tci.drivers.naoqi.services import ALAutonomousLife
+    from tci.wires.naoqi.services import ALAutonomousLife
 
-    monkeypatch.setattr("tci.drivers.naoqi.autonomy.EVERY", 0.01)
+    monkeypatch.setattr("tci.wires.naoqi.autonomy.EVERY", 0.01)
     with StillNao(without=("ALAutonomousLife",)) as nao, connect(ROBOT, nao.via, arm=True) as driver:
         wait_for(lambda: watch(driver).state is GateState.RUN)
         life = ALAutonomousLife()
@@ -159,9 +159,9 @@ def test_life_that_comes_after_the_driver_and_is_on_stops_the_gate(monkeypatch: 
 
 
 def test_life_that_is_still_ending_stops_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    from tci.drivers.naoqi.services import ALAutonomousLife
+    from tci.wires.naoqi.services import ALAutonomousLife
 
-    monkeypatch.setattr("tci.drivers.naoqi.autonomy.EVERY", 0.01)
+    monkeypatch.setattr("tci.wires.naoqi.autonomy.EVERY", 0.01)
     asked = []
 
     class Slow(ALAutonomousLife):

@@ -19,16 +19,16 @@ from drivers.naoqi.still_nao import StillNao
 from drivers.served import Served
 from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
-from tci.clock import ManualClock
 from tci.drivers.diagnosis import Level
 from tci.drivers.driver import Driver
-from tci.drivers.naoqi.words import current_key
 from tci.drivers.registry import connect
 from tci.errors import DriverError
 from tci.gate.gate import GateState
 from tci.messages import Mode, Reading
+from tci.messages.clock import ManualClock
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Address, Robot
+from tci.wires.naoqi.words import current_key
 
 ROBOT = load_robot("nao")
 ELBOW = next(servo.index for servo in ROBOT.servos if servo.name == "LElbowRoll")

@@ -17,7 +17,7 @@ from tci.robot.catalogue import load_robot
 
 needs_qi()
 
-from tci.drivers.naoqi.session import PASSWORD, Address, open_session, parse_address
+from tci.wires.naoqi.session import PASSWORD, Address, open_session, parse_address
 
 
 @pytest.mark.parametrize(

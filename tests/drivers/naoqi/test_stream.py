@@ -16,9 +16,9 @@ from tci.robot.catalogue import load_robot
 
 needs_qi()
 
-from tci.drivers.naoqi.stream import AHEAD, CATCH_UP, Stream
-from tci.drivers.naoqi.words import CYCLE
 from tci.robot.joint_map import initial_position
+from tci.wires.naoqi.stream import AHEAD, CATCH_UP, Stream
+from tci.wires.naoqi.words import CYCLE
 
 ROBOT = load_robot("nao")
 PERIOD = 0.005

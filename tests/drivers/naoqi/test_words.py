@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tci.drivers.naoqi.words import LONGEST, pack, unpack
 from tci.errors import FrameError
+from tci.wires.naoqi.words import LONGEST, pack, unpack
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.int32, np.float32])

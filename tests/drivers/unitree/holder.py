@@ -16,13 +16,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tci.drivers.unitree.address import parse_unitree
-from tci.drivers.unitree.handover import KP, ROWS, Q
-from tci.drivers.unitree.health import Health
-from tci.drivers.unitree.held_motors import HeldMotors
-from tci.drivers.unitree.motors import ARM_GAINS, MOTORS
-from tci.drivers.unitree.node import UnitreeNode
 from tci.errors import DriverError
+from tci.wires.unitree.address import parse_unitree
+from tci.wires.unitree.handover import KP, ROWS, Q
+from tci.wires.unitree.health import Health
+from tci.wires.unitree.held_motors import HeldMotors
+from tci.wires.unitree.motors import ARM_GAINS, MOTORS
+from tci.wires.unitree.node import UnitreeNode
 
 
 def held_motors(place: str, period: float) -> HeldMotors:

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from tci.drivers.unitree import messages
-from tci.drivers.unitree.node import MOST, UnitreeNode, latest
-from tci.drivers.unitree.wire import STATE, WEIGHT, decode_command, encode_state
 from tci.runtime.real_time import real_time_where_permitted
+from tci.wires.unitree import messages
+from tci.wires.unitree.node import MOST, UnitreeNode, latest
+from tci.wires.unitree.wire import STATE, WEIGHT, decode_command, encode_state
 
 PERIOD = 0.004
 

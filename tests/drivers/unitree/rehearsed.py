@@ -12,12 +12,12 @@ from drivers.wires import Unitree
 from faults.rehearsal import ARMS, Sway
 from tci.body.generic_body import GenericBody
 from tci.drivers.driver import Driver
-from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
-from tci.drivers.unitree.driver import UnitreeDriver
 from tci.errors import DriverError
 from tci.gate.gate import GateState
+from tci.lab.faults.fault_injector import FaultInjector, FaultPlan
 from tci.messages import GenericCommand, Mode, Perception
 from tci.runtime.loop import Tick, run
+from tci.wires.unitree.driver import UnitreeDriver
 
 AT, LONG = 0.6, 1.2
 """Time [s] at which the fault begins, and duration [s] of the run after this time."""

@@ -18,9 +18,9 @@ from drivers.patient import patient
 from drivers.unitree.domains import DOMAINS
 from peers import peer_python
 from tci.drivers.driver import Driver
-from tci.drivers.unitree.motors import NAMES
 from tci.errors import CommandError
 from tci.gate.safe_command import GateState
+from tci.wires.unitree.motors import NAMES
 
 HERE = Path(__file__).parent
 pytestmark = [pytest.mark.timeout(90), pytest.mark.xdist_group("unitree-domain-0")]

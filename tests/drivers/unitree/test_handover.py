@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tci.drivers.unitree.handover import DAMPED, DQ, GIVE, KD, KP, QUIET, ROWS, TAKE, TAU, Handover, Phase, Q
-from tci.drivers.unitree.motors import ARM_GAINS, MOTORS, gains
-from tci.frames import Array
+from tci.messages.frames import Array
+from tci.wires.unitree.handover import DAMPED, DQ, GIVE, KD, KP, QUIET, ROWS, TAKE, TAU, Handover, Phase, Q
+from tci.wires.unitree.motors import ARM_GAINS, MOTORS, gains
 
 PERIOD = 0.004
 HERE = np.linspace(-1.0, 1.0, MOTORS)

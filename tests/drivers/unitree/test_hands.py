@@ -13,16 +13,16 @@ import pytest
 
 import tci
 from drivers.unitree.domains import DOMAINS
-from tci.drivers.unitree import messages
-from tci.drivers.unitree.finger_motors import FingerMotors
-from tci.drivers.unitree.hands import Hand, pads_of, patches_of
-from tci.drivers.unitree.node import UnitreeNode, latest
-from tci.drivers.unitree.served_hands import ServedHand
-from tci.drivers.unitree.wire import MOTOR_STATE, PRESS, decode_hand, decode_hand_command, encode_hand
 from tci.errors import DriverError
-from tci.frames import read_only
 from tci.messages import JointReading, Mode, SkinFrame
+from tci.messages.frames import read_only
 from tci.robot.description import Address, Binding, Robot
+from tci.wires.unitree import messages
+from tci.wires.unitree.finger_motors import FingerMotors
+from tci.wires.unitree.hands import Hand, pads_of, patches_of
+from tci.wires.unitree.node import UnitreeNode, latest
+from tci.wires.unitree.served_hands import ServedHand
+from tci.wires.unitree.wire import MOTOR_STATE, PRESS, decode_hand, decode_hand_command, encode_hand
 
 PADS = 26
 """Number of sensors of the hand in these tests. The forearm's patch of the description has 26 x 12

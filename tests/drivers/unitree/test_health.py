@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tci.drivers.unitree import network
-from tci.drivers.unitree.address import parse_unitree
-from tci.drivers.unitree.health import Health
-from tci.drivers.unitree.wire import STATE
 from tci.errors import DriverError
+from tci.wires.unitree import network
+from tci.wires.unitree.address import parse_unitree
+from tci.wires.unitree.health import Health
+from tci.wires.unitree.wire import STATE
 
 
 def state(**changed: Any) -> Any:

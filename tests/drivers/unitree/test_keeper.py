@@ -20,19 +20,19 @@ import tci
 from drivers.unitree.domains import DOMAINS
 from drivers.unitree.holder import held_motors
 from drivers.unitree.puppets import Puppet
-from tci.commissioning.hardware import ServoCheck
-from tci.commissioning.operator import Operator
 from tci.drivers.diagnosis import Level
-from tci.drivers.unitree import messages
-from tci.drivers.unitree.driver import UnitreeDriver
-from tci.drivers.unitree.handover import GIVE, KP, LONGEST, ROWS, TAKE, Phase, Q
-from tci.drivers.unitree.held_motors import HeldMotors
-from tci.drivers.unitree.motors import ARM_GAINS, MOTORS
-from tci.drivers.unitree.node import UnitreeNode
 from tci.errors import DriverError
 from tci.gate.safe_command import GateState
+from tci.lab.commissioning.hardware import ServoCheck
+from tci.lab.commissioning.operator import Operator
 from tci.messages import Mode, PlatformCommand
 from tci.reasons import Code
+from tci.wires.unitree import messages
+from tci.wires.unitree.driver import UnitreeDriver
+from tci.wires.unitree.handover import GIVE, KP, LONGEST, ROWS, TAKE, Phase, Q
+from tci.wires.unitree.held_motors import HeldMotors
+from tci.wires.unitree.motors import ARM_GAINS, MOTORS
+from tci.wires.unitree.node import UnitreeNode
 
 pytestmark = pytest.mark.timeout(60)
 ALL = np.ones(MOTORS, dtype=bool)

@@ -12,13 +12,13 @@ import tci
 from drivers.unitree.domains import DOMAINS
 from tci.body.generic_body import order_to_platform
 from tci.drivers.simulated import SimulatedDriver
-from tci.drivers.unitree import messages
-from tci.drivers.unitree.driver import slots_of
-from tci.drivers.unitree.motors import ARM_GAINS, MOTORS, NAMES
-from tci.drivers.unitree.server import VARIANT, UnitreeServer
-from tci.drivers.unitree.wire import COMMAND, WEIGHT, decode_state, encode_command
-from tci.frames import Array
 from tci.messages import Order, Perception, Reading
+from tci.messages.frames import Array
+from tci.wires.unitree import messages
+from tci.wires.unitree.driver import slots_of
+from tci.wires.unitree.motors import ARM_GAINS, MOTORS, NAMES
+from tci.wires.unitree.server import VARIANT, UnitreeServer
+from tci.wires.unitree.wire import COMMAND, WEIGHT, decode_state, encode_command
 
 ROBOT = tci.load_robot("g1")
 ELBOW = NAMES.index("left_elbow_joint")

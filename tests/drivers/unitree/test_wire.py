@@ -13,11 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skin_data import SkinData
-from tci.drivers.ros.messages import BYTES
-from tci.drivers.ros.ros2_dds import _idl
-from tci.drivers.unitree import messages, wire
 from tci.errors import FrameError
 from tci.recording.schemas import CLOUD, SKIN
+from tci.wires.ros.messages import BYTES
+from tci.wires.ros.ros2_dds import _idl
+from tci.wires.unitree import messages, wire
 
 
 def slow_checksum(data: bytes) -> int:

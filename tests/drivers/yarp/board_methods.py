@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 import tci
-from tci.drivers.yarp.served_board import ServedBoard
 from tci.messages import JointReading
+from tci.wires.yarp.served_board import ServedBoard
 from yarpwire.calls_v3 import answer_v3
 from yarpwire.calls_v4 import answer_v4
 from yarpwire.dialect import V3, V4, Dialect

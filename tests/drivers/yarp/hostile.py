@@ -10,10 +10,10 @@ from contextlib import suppress
 from typing import Any
 
 import tci
-from tci.drivers.yarp.order_book import OrderBook
-from tci.drivers.yarp.served_board import ServedBoard
-from tci.drivers.yarp.skin_events import decode_events
 from tci.messages import Order
+from tci.wires.yarp.order_book import OrderBook
+from tci.wires.yarp.served_board import ServedBoard
+from tci.wires.yarp.skin_events import decode_events
 from yarpwire.bottle import decode_bottle, encode_bottle
 from yarpwire.calls_v3 import answer_v3
 from yarpwire.calls_v4 import CALLS, answer_v4

@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 from drivers.patient import patient
 from tci.drivers.simulated import SimulatedDriver
-from tci.drivers.yarp.server import YarpServer
 from tci.runtime.serve import Served, serve
+from tci.wires.yarp.server import YarpServer
 from yarpwire.dialect import Dialect
 from yarpwire.incoming import Delivery
 from yarpwire.names import Names

@@ -11,10 +11,10 @@ import pytest
 
 import tci
 from tci.drivers.simulated import SimulatedDriver
-from tci.drivers.yarp.served_board import ServedBoard
 from tci.messages import JointReading
 from tci.robot.description import Robot
 from tci.simulation.world import World
+from tci.wires.yarp.served_board import ServedBoard
 from yarpwire.calls_v3 import answer_v3
 from yarpwire.calls_v4 import answer_v4
 from yarpwire.values import Vocab

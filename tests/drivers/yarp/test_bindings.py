@@ -14,9 +14,9 @@ import pytest
 
 import tci
 from tci.drivers.diagnosis import Level
-from tci.drivers.yarp.address import parse
-from tci.drivers.yarp.driver import YarpDriver
 from tci.errors import DriverError, MissingExtraError
+from tci.wires.yarp.address import parse
+from tci.wires.yarp.driver import YarpDriver
 from yarpwire.bindings.module import reader, to_bottle
 from yarpwire.bindings.network import Bindings
 from yarpwire.errors import BindingsError, WireError

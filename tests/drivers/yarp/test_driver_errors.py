@@ -15,12 +15,12 @@ import pytest
 from drivers.patient import patient
 from drivers.yarp.show import Show, until
 from tci.drivers.simulated import SimulatedDriver
-from tci.drivers.yarp.address import YarpAddress
-from tci.drivers.yarp.driver import YarpDriver
-from tci.drivers.yarp.driver_errors import raises_driver_errors
-from tci.drivers.yarp.server import YarpServer
 from tci.errors import DriverError, MissingExtraError, TciError
 from tci.messages import Mode, Perception, PlatformSwitch
+from tci.wires.yarp.address import YarpAddress
+from tci.wires.yarp.driver import YarpDriver
+from tci.wires.yarp.driver_errors import raises_driver_errors
+from tci.wires.yarp.server import YarpServer
 from yarpwire import errors
 from yarpwire.dialect import V3
 from yarpwire.errors import BindingsError, PortError, UnknownNameError, YarpError

@@ -14,15 +14,15 @@ import tci
 from drivers.patient import patient
 from drivers.yarp.show import Show, until
 from tci.drivers.diagnosis import Level
-from tci.drivers.yarp import server
-from tci.drivers.yarp.axes import find_axes
-from tci.drivers.yarp.driver import YarpDriver
-from tci.drivers.yarp.served_board import ServedBoard
 from tci.errors import DriverError, UnknownNameError
 from tci.gate.gate import GateState
 from tci.messages import GenericCommand, Mode, Order
 from tci.reasons import Code
 from tci.robot.description import Robot, Servo
+from tci.wires.yarp import server
+from tci.wires.yarp.axes import find_axes
+from tci.wires.yarp.driver import YarpDriver
+from tci.wires.yarp.served_board import ServedBoard
 from yarpwire.board import Board
 from yarpwire.dialect import V3
 

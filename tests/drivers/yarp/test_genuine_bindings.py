@@ -18,10 +18,10 @@ from drivers.patient import patient
 from drivers.wires import bindings_configured
 from drivers.yarp.show import Show, until
 from peers import needs_yarp_bindings
-from tci.drivers.yarp.address import parse
-from tci.drivers.yarp.driver import YarpDriver
 from tci.errors import DriverError
 from tci.gate.gate import GateState
+from tci.wires.yarp.address import parse
+from tci.wires.yarp.driver import YarpDriver
 from yarpwire.bindings.network import Bindings
 from yarpwire.board import find_board
 from yarpwire.dialect import DIALECTS, Dialect

@@ -14,8 +14,8 @@ import tci
 from drivers.yarp.hostile import strange_messages
 from drivers.yarp.show import until
 from tci.drivers.simulated import SimulatedDriver
-from tci.drivers.yarp.served_board import ServedBoard
-from tci.drivers.yarp.server import YarpServer
+from tci.wires.yarp.served_board import ServedBoard
+from tci.wires.yarp.server import YarpServer
 from yarpwire import message, outgoing
 from yarpwire.bottle import encode_bottle
 from yarpwire.carrier import TCP, TEXT

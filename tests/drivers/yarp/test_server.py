@@ -14,20 +14,20 @@ import pytest
 import tci
 from drivers.wires import free_port
 from drivers.yarp.show import Show, until
-from tci.authoring.dense_skin import with_skin_rate
 from tci.body.places import find_place
 from tci.drivers.simulated import SimulatedDriver
-from tci.drivers.yarp import served_board, server
-from tci.drivers.yarp.facts import read_robot_facts
-from tci.drivers.yarp.served_board import ServedBoard
-from tci.drivers.yarp.server import YarpServer
-from tci.drivers.yarp.skin_events import decode_events
 from tci.errors import DriverError
 from tci.exports.facts import query
+from tci.lab.authoring.dense_skin import with_skin_rate
 from tci.messages import Mode, PlatformCommand, PlatformSwitch
 from tci.reasons import Code, Reason
 from tci.runtime.serve import serve
 from tci.skin.skin import Skin
+from tci.wires.yarp import served_board, server
+from tci.wires.yarp.facts import read_robot_facts
+from tci.wires.yarp.served_board import ServedBoard
+from tci.wires.yarp.server import YarpServer
+from tci.wires.yarp.skin_events import decode_events
 from yarpwire import names
 from yarpwire.board import COMPLIANT, DIRECT, POSITION, VELOCITY, Stream, find_board
 from yarpwire.carrier import TEXT

@@ -7,9 +7,9 @@ import os
 import numpy as np
 
 from gate.gate_checks import Driven, make_robot, reading
-from tci.drivers.yarp.served_board import ServedBoard
 from tci.gate.bounds import bounds_of
 from tci.gate.trajectory import OnlineTrajectory
+from tci.wires.yarp.served_board import ServedBoard
 from yarpwire.board import DIRECT, Stream
 
 PERIOD = 0.005

@@ -12,17 +12,17 @@ import pytest
 
 import tci
 from drivers.yarp.show import until
-from tci.drivers.yarp import diagnose
-from tci.drivers.yarp.address import patch_port
-from tci.drivers.yarp.axes import find_axes
-from tci.drivers.yarp.driver import YarpDriver
-from tci.drivers.yarp.facts import facts_port
-from tci.drivers.yarp.skin_layout import SkinLayout
-from tci.drivers.yarp.skin_ports import SkinPorts, read_skin
 from tci.errors import DriverError
-from tci.frames import Array
 from tci.messages import SkinFrame
+from tci.messages.frames import Array
 from tci.robot.description import Patch, Robot
+from tci.wires.yarp import diagnose
+from tci.wires.yarp.address import patch_port
+from tci.wires.yarp.axes import find_axes
+from tci.wires.yarp.driver import YarpDriver
+from tci.wires.yarp.facts import facts_port
+from tci.wires.yarp.skin_layout import SkinLayout
+from tci.wires.yarp.skin_ports import SkinPorts, read_skin
 from yarpwire.board import OK, find_board
 from yarpwire.dialect import DIALECTS, V3, V4, Dialect
 from yarpwire.errors import PortError

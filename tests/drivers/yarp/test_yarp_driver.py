@@ -18,17 +18,17 @@ from tci.body.places import Place, find_place
 from tci.body.posture import home, to_platform
 from tci.capabilities.fields import default_fields
 from tci.drivers.diagnosis import Level
-from tci.drivers.yarp import driver as yarp_driver
-from tci.drivers.yarp.board_driver import BoardDriver
-from tci.drivers.yarp.driver import YarpDriver
 from tci.errors import DriverError, UnknownNameError
-from tci.frames import Array
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import Mode, Order, PlatformCommand, PlatformOrder, PlatformSwitch, SwitchMode
+from tci.messages.frames import Array
 from tci.robot.description import GenericPart, Limits, Robot
 from tci.robot.joint_map import initial_position
 from tci.runtime.loop import Tick
 from tci.skin.skin import Skin
+from tci.wires.yarp import driver as yarp_driver
+from tci.wires.yarp.board_driver import BoardDriver
+from tci.wires.yarp.driver import YarpDriver
 from yarpwire.board import Stream
 from yarpwire.dialect import DIALECTS, V3, V4
 from yarpwire.errors import CallError

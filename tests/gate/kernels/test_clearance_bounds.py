@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numba import njit
 
-from tci.frames import Array
 from tci.gate.kernels.clearance_bounds import at_least, stand, to_joints
 from tci.gate.kernels.solids import Solids
+from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot, robot_names
 from tci.robot.clearance import Clearance
 from tci.robot.description import GenericPart, GenericServo, Model, Robot, Servo

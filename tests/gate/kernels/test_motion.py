@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tci.frames import Array
 from tci.gate.kernels import motion as at
+from tci.messages.frames import Array
 
 SETTINGS = np.array([0.1, 0.1, 0.05, 0.04, 0.05, 0.06, 0.03])
 

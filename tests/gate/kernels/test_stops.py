@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from ruckig import ControlInterface, InputParameter, Ruckig, Synchronization, Trajectory
 
-from tci.frames import Array
 from tci.gate.kernels import stops as at
 from tci.gate.kernels.stops import follow_stop, plan_stop, take_room
+from tci.messages.frames import Array
 
 COUNT = 5
 NO_COUPLING = np.zeros((0, COUNT)), np.zeros(0), np.zeros(0)

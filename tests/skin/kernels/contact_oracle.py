@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from felt_skin import FeltSkin, PatchFelt
-from tci.frames import apply, invert
 from tci.messages import JointReading
+from tci.messages.frames import apply, invert
 from tci.robot.generic_arm import limb_coordinates
 from tci.skin.contacts import ContactSettings, centre_of_pressure
 from tci.skin.fill_factor import WIDTHS, fill_factors

@@ -13,7 +13,6 @@ from numba import float64, int64, void
 
 from felt_skin import AT_ONCE, FeltSkin, contacts_of, patches, skin_state
 from skin.kernels import contact_oracle
-from tci.compiled import compiled, writes
 from tci.messages import JointReading, SkinState
 from tci.robot.catalogue import load_robot
 from tci.robot.joint_map import generic_posture
@@ -23,6 +22,7 @@ from tci.skin.kernels.nearest import nearest
 from tci.skin.layout import SkinLayout
 from tci.skin.surfaces import Surface
 from tci.skin.tracking import TrackSettings
+from tci.support.compiled import compiled, writes
 
 SETTINGS = AT_ONCE
 

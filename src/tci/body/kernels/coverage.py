@@ -7,10 +7,10 @@ import numpy as np
 from numba import boolean, int64, void
 from numpy.typing import NDArray
 
-from tci.compiled import compiled, reads, writes
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.kernels.limb import limb_pose
 from tci.robot.limb import RHO
+from tci.support.compiled import compiled, reads, writes
 
 SEGMENT, X, Y, Z, RADIUS = range(5)
 """Row numbers in a table of places on arms: segment (0 upper arm, 1 forearm), a point on the generic limb,

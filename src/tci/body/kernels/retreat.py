@@ -9,12 +9,12 @@ import numpy as np
 from numba import float64, int64, void
 from numpy.typing import NDArray
 
-from tci.compiled import compiled, inlined, reads, record, writes
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.kernels.limb import Vector
 from tci.robot.kernels.links import take_steps
 from tci.skin.kernels.arrays import LAYOUT, LayoutArrays
 from tci.skin.kernels.nearest import nearest
+from tci.support.compiled import compiled, inlined, reads, record, writes
 
 FREE, LIMIT = 3, 4
 """Columns of `Room.near`, after the centre of the sphere that represents a touching object. `FREE`: distance

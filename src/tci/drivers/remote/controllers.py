@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from tci.drivers.remote.protocol import Commander, Orders
 from tci.errors import CommandError
-from tci.frames import Array
 from tci.messages import Mode, PlatformCommand
+from tci.messages.frames import Array
 from tci.reasons import Reason
 from tci.robot.description import Robot, Servo
 

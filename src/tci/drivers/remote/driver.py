@@ -13,7 +13,6 @@ from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
 
-from tci.clock import Clock, MonotonicClock
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver
 from tci.drivers.info import DriverInfo
@@ -23,6 +22,7 @@ from tci.errors import DriverError
 from tci.gate.gate import Gate, GateSettings
 from tci.gate.safe_command import GateState, SafeCommand
 from tci.messages import PlatformOrder, Reading, SkinFrame
+from tci.messages.clock import Clock, MonotonicClock
 from tci.reasons import Code, Reason, text_of
 from tci.robot.description import Robot
 

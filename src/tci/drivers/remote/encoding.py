@@ -32,12 +32,12 @@ from tci.drivers.remote.protocol import (
     shown,
 )
 from tci.errors import FrameError, RecordingError
-from tci.frames import read_only
 from tci.messages import Mode, PlatformCommand, PlatformOrder, PlatformSwitch
+from tci.messages.frames import read_only
 from tci.reasons import NO_REASON, number_of, reason_of, text_of
+from tci.recording.rosmsg.cdr import MessageType, decode, encode
 from tci.recording.schemas import MODES, SKIN, header, mode_number, skin_values, to_frame, to_joints
 from tci.robot.description import Robot
-from tci.rosmsg.cdr import MessageType, decode, encode
 
 ENVELOPE = struct.Struct("<4sc8sI")
 FAMILY = b"TCI"

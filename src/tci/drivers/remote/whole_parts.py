@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Set as AbstractSet
 
 from tci.errors import DriverError
-from tci.frames import Array
 from tci.gate.safe_command import GateState, SafeCommand
 from tci.messages import Mode
+from tci.messages.frames import Array
 from tci.robot.description import Robot
 
 

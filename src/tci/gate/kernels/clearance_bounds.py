@@ -12,9 +12,9 @@ import numpy as np
 from numba import float64, int32, int64, void
 from numpy.typing import NDArray
 
-from tci.compiled import compiled, inlined, reads, returns, writes
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.skin.kernels.arrays import Indices
+from tci.support.compiled import compiled, inlined, reads, returns, writes
 
 SOLIDS = returns(reads(2), reads(2), reads(2), reads(2), reads(2, int32), reads(2))
 """Numba types of the arrays `joints`, `shapes`, `points`, `poses`, `pairs` and `levers` of the class

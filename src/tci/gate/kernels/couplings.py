@@ -7,8 +7,8 @@ import numpy as np
 from numba import boolean, void
 from numpy.typing import NDArray
 
-from tci.compiled import compiled, inlined, views, writes
-from tci.frames import Array
+from tci.messages.frames import Array
+from tci.support.compiled import compiled, inlined, views, writes
 
 MARGIN = 1e-6
 """Distance [rad] that targets keep from limits and from bounds of couplings. Assumed: larger than the

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from numba import boolean, float64, int64
 
-from tci.compiled import compiled, inlined, reads, returns, views, writes
-from tci.frames import Array
+from tci.messages.frames import Array
+from tci.support.compiled import compiled, inlined, reads, returns, views, writes
 
 FOLLOWS, LATE, OPPOSED, FROZEN, DISAGREES, DEAF, JUMPED = range(7)
 """Possible results of the check of a joint reading, in this order:

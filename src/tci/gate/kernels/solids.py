@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.engine import mujoco
 from tci.errors import TciError
-from tci.frames import Array, read_only
+from tci.messages.frames import Array, read_only
 from tci.robot.clearance import Clearance
 from tci.skin.kernels.arrays import Indices
+from tci.support.engine import mujoco
 
 
 @dataclass(frozen=True, slots=True, eq=False)

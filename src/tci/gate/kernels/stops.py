@@ -6,9 +6,9 @@ import numpy as np
 from numba import boolean, float64, int64, void
 from numpy.typing import NDArray
 
-from tci.compiled import compiled, inlined, reads, returns, views, writes
-from tci.frames import Array
 from tci.gate.kernels.couplings import box_keeps
+from tci.messages.frames import Array
+from tci.support.compiled import compiled, inlined, reads, returns, views, writes
 
 LOWER, UPPER, ACCELERATION, JERK = range(4)
 """Rows of the limits (4, n) of n servos: lower and upper angles [rad], acceleration [rad/s2] and jerk

@@ -8,9 +8,9 @@ import numpy as np
 from numba import boolean, float64, int64, void
 from numpy.typing import NDArray
 
-from tci.compiled import compiled, inlined, reads, returns, views, writes
-from tci.frames import Array
 from tci.gate.kernels.couplings import project
+from tci.messages.frames import Array
+from tci.support.compiled import compiled, inlined, reads, returns, views, writes
 
 LOWER, UPPER, FASTEST = range(3)
 """Rows of the limits (3, n) of a joint group (n servos that move together): lower and upper angles [rad], and

@@ -6,8 +6,8 @@ import numpy as np
 from numba import boolean, float64, int64, void
 from numpy.typing import NDArray
 
-from tci.compiled import compiled, reads, views, writes
-from tci.frames import Array
+from tci.messages.frames import Array
+from tci.support.compiled import compiled, reads, views, writes
 
 LOWER, UPPER, VELOCITY, CREEP, ACCELERATION, APPROACH, TORQUE = range(7)
 """Rows of the limits (7, k) of k servos in torque mode: lower and upper angle [rad], velocity [rad/s], speed

@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Literal
 
 from tci.errors import UnknownNameError
-from tci.frames import Array, read_only, rotation_rpy
+from tci.messages.frames import Array, read_only, rotation_rpy
 from tci.robot.description.base import Description, Vector
 
 Kind = Literal["arm", "head", "torso", "leg", "hand", "fingers", "other"]

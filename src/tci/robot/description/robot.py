@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from tci.errors import UnknownNameError
-from tci.frames import Array, read_only, rotation_rpy, transform
+from tci.messages.frames import Array, read_only, rotation_rpy, transform
 from tci.robot.description.base import Description, Vector
 from tci.robot.description.binding import USUAL, Binding
 from tci.robot.description.part import GenericPart, Segment

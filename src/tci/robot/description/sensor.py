@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.description.base import Description
 
 

@@ -6,8 +6,8 @@ import numpy as np
 from numba import int64, void
 from numpy.typing import NDArray
 
-from tci.compiled import compiled, reads, writes
-from tci.frames import Array
+from tci.messages.frames import Array
+from tci.support.compiled import compiled, reads, writes
 
 
 @compiled(void(reads(1), reads(1, int64), reads(1, int64), reads(1, int64), reads(1), reads(1), writes(1)))

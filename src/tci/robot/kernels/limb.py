@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from tci.compiled import inlined
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.description import GenericPart, Segment
 from tci.robot.generic_arm import SEGMENTS, side_sign
+from tci.support.compiled import inlined
 
 Vector = tuple[float, float, float]
 Row = tuple[float, float, float, float]

@@ -6,8 +6,8 @@ import numpy as np
 from numba import int64, void
 from numpy.typing import NDArray
 
-from tci.compiled import compiled, inlined, reads, views, writes
-from tci.frames import Array
+from tci.messages.frames import Array
+from tci.support.compiled import compiled, inlined, reads, views, writes
 
 BEFORE, SERVO, SLIDES = range(3)
 """Columns of the table `KinematicChain.steps`. Each row of this table is a step: a fixed offset or a joint on

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import float64
 
-from tci.compiled import compiled, inlined, views
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.limb import RHO
+from tci.support.compiled import compiled, inlined, views
 
 
 @inlined

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.frames import Array, apply, read_only
+from tci.messages.frames import Array, apply, read_only
 from tci.robot.near_points import nearest
 from tci.robot.skin_files.normals import DISAGREE, disagreement, estimate_normals
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tci.frames import Array
+from tci.messages.frames import Array
 
 NEIGHBOURS = 10
 """Number of points to which a plane is fitted. The taxel itself is one of these points. Assumed: a module has

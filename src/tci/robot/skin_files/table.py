@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tci.errors import DescriptionError, Fault
-from tci.frames import rotation_rpy, transform
+from tci.messages.frames import rotation_rpy, transform
 from tci.robot.description import Patch, Robot, Table
 from tci.robot.skin_files.layout import SkinLayout
 from tci.robot.skin_files.reader import read_layout

@@ -23,7 +23,7 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from tci.errors import DescriptionError
-from tci.frames import Array, rotation_rpy, transform
+from tci.messages.frames import Array, rotation_rpy, transform
 from tci.robot.skin_files.layout import SkinLayout, hexagons, make_layout
 from tci.robot.skin_files.text import MAX_BYTES, MAX_DISTANCE, MAX_ROWS
 from tci.robot.xml.document import Faults, parse, read_bytes, refuse, shown

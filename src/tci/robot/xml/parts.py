@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tci.frames import rotation_rpy
+from tci.messages.frames import rotation_rpy
 from tci.robot import generic_fingers
 from tci.robot.description import (
     USUAL_ACTUATORS,

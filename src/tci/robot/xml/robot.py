@@ -11,7 +11,6 @@ from pathlib import Path
 from lxml import etree
 
 from tci.errors import MissingExtraError
-from tci.installed import advice
 from tci.robot.description import Address, Binding, Patch, Robot
 from tci.robot.xml.document import Faults, refuse
 from tci.robot.xml.extends import read_element
@@ -22,6 +21,7 @@ from tci.robot.xml.node import Node, nearest, read_node
 from tci.robot.xml.parts import read_parts
 from tci.robot.xml.servos import Servos, once_only, read_couplings, read_servos
 from tci.robot.xml.skin import read_skin
+from tci.support.installed import advice
 
 SHARE = 0.25
 """If more than this fraction of the angles in a file is implausible, one fault is reported: the unit of the

@@ -9,8 +9,8 @@ import numpy as np
 from numba import boolean, float32, float64, int32, int64
 from numpy.typing import NDArray
 
-from tci.compiled import reads, record, writes
-from tci.frames import Array
+from tci.messages.frames import Array
+from tci.support.compiled import reads, record, writes
 
 Indices = NDArray[np.int32]
 Places = NDArray[np.int64]

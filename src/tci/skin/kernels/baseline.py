@@ -9,8 +9,8 @@ import numpy as np
 from numba import boolean, float64, int64
 from numpy.typing import NDArray
 
-from tci.compiled import compiled, inlined, reads, record, writes
-from tci.frames import Array
+from tci.messages.frames import Array
+from tci.support.compiled import compiled, inlined, reads, record, writes
 
 THRESHOLD, LEAST, FLUCTUATING, SHARE, LIVELY, TYPICAL, DRIFT, FLOOR, OWN, RELEASE, NOISE = range(11)
 """Indices of the settings (11,) with which `update_baseline` updates rest values and noise after an

@@ -11,8 +11,7 @@ import numpy as np
 from numba import float32, float64, int64, uint8
 from numpy.typing import NDArray
 
-from tci.compiled import compiled, inlined, reads, writes
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.skin.kernels.arrays import (
     BLOCK,
     BLOCK_SIZE,
@@ -38,6 +37,7 @@ from tci.skin.kernels.arrays import (
     Single,
     SkinMemory,
 )
+from tci.support.compiled import compiled, inlined, reads, writes
 
 SIGNAL, BEFORE, TOTAL, PEAK, SECOND_DIFFERENCE, CHANGES = range(6)
 """Rows of `SkinMemory.statistics`, with a column for each taxel.

@@ -7,8 +7,7 @@ from __future__ import annotations
 import numpy as np
 from numba import float64, int32, int64, void
 
-from tci.compiled import compiled, inlined, reads, returns, writes
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.kernels.limb import Row, limb_pose
 from tci.robot.limb import RHO
 from tci.skin.fill_factor import WIDTHS
@@ -31,6 +30,7 @@ from tci.skin.kernels.arrays import (
     Limits,
 )
 from tci.skin.kernels.nearest import nearest
+from tci.support.compiled import compiled, inlined, reads, returns, writes
 
 FORCE, PEAK, AREA_SUM, U, THETA, Y, Z, POINT, NORMAL, SUMMARY = 0, 1, 2, 3, 4, 5, 6, 7, 10, 13
 """Columns of a table with a row for each contact: force, largest force on a taxel, area, place on the generic

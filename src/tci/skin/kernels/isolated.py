@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import float64, int64
 
-from tci.compiled import compiled, inlined, reads, returns, writes
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.skin.kernels.arrays import (
     ACTIVE,
     AREA,
@@ -20,6 +19,7 @@ from tci.skin.kernels.arrays import (
     LayoutArrays,
     Places,
 )
+from tci.support.compiled import compiled, inlined, reads, returns, writes
 
 PLACE, SINCE, FORCE, CHANGED, LAST, WAITING = range(6)
 """Columns of `waiting`, a table with a row for each isolated taxel (a pressed taxel without pressed

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from tci.compiled import inlined
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.robot.kernels.limb import Vector
 from tci.skin.kernels.arrays import CELL, TAXEL, LayoutArrays
+from tci.support.compiled import inlined
 
 
 @inlined

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numba import float64, int64
 
-from tci.compiled import compiled, inlined, reads, returns, writes
-from tci.frames import Array
+from tci.messages.frames import Array
 from tci.skin.kernels.arrays import CONTACTS, ContactArrays
+from tci.support.compiled import compiled, inlined, reads, returns, writes
 
 PATCH, IDENTITY, BEGAN, SEEN, ORIGIN, PLACE, TRACK = 0, 1, 2, 3, 4, 7, 10
 """Columns of a table with a row for each track, which is the history of one contact: index of the patch,

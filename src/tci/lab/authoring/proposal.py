@@ -1,0 +1,166 @@
+"""Proposes a description of a humanoid from its URDF or MJCF alone.
+
+The arms are found by geometry, which must fit the definition of the generic arm. Limits are copied from the
+file. Sleeves of skin are fitted to the geometry of the links. If the file lacks a value, this module proposes
+a value and marks it as assumed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from tci.errors import DescriptionError, Fault
+from tci.lab.authoring.find_limbs import FoundLimbs, find_limbs
+from tci.lab.authoring.hand_skin import hand_skin
+from tci.lab.authoring.initial_posture import check_reach, clear_of_body
+from tci.lab.authoring.joint_facts import (
+    FINGER_TORQUE,
+    SLOWEST,
+    TORQUE,
+    JointFacts,
+    driven,
+    proposed_limits,
+    read_facts,
+)
+from tci.lab.authoring.link_points import LinkPoints
+from tci.lab.authoring.proposed_arm import Sign, arm, elbow_senses
+from tci.lab.authoring.proposed_fingers import Hands, Trust, find_hands, fingers, with_followers
+from tci.lab.authoring.proposed_parts import hand, leg, middle, wrist
+from tci.lab.authoring.sleeves import sleeves
+from tci.messages import Mode
+from tci.messages.frames import rpy_of
+from tci.robot.description import GenericPart, Model, Patch, Robot, Servo
+from tci.robot.generic_arm import Side
+from tci.robot.model_format import model_format
+
+
+def propose(
+    path: Path, *, name: str, package: str | None = None, mount: bool = False,
+    meshes: str | None = None, arms: tuple[str, str] | None = None, elbow: Sign | None = None,
+    trust_fingers: Trust | None = None, skin_on_hands: bool = False,
+) -> Robot:  # fmt: skip
+    """Proposes the description of the robot whose URDF or MJCF is at `path`, for review by a person.
+
+    Args: path: URDF or MJCF file. name: Name of the robot. package: Installed Python package that contains
+        the model. mount: Matters only for a shoulder whose axes are slightly rotated against those of the
+        generic shoulder. True: the description has a rotated mount frame, if eq. 1 is exact in this frame.
+        False: the shoulder is retargeted in the torso frame. meshes: Folder with the meshes, if they are not
+        at the paths in the model; "none" to do without meshes. arms: Names of the first joints of the left
+        and the right shoulder, if the arms are in doubt. elbow: Direction in which the left elbow's joint
+        bends the arm, if it is in doubt. trust_fingers: "names" or "places": source to trust if the names and
+        the places of the fingers contradict each other; "none" describes the hands without fingers.
+        skin_on_hands: Adds assumed skin on palms and finger tips.
+
+    Raises DescriptionError for a file that is not a model of a humanoid with two arms, or if arms, elbows,
+    the ends of forearms or fingers are in doubt.
+    """
+    model = Model(
+        format=model_format(path), path=str(path.resolve()), package=package, meshes=meshes, torso_link="?"
+    )  # fmt: skip
+    points = LinkPoints(model)
+    body = find_limbs(model, points, arms=arms)
+    rpy, xyz = rpy_of(body.T_ET[:3, :3]), body.T_ET[:3, 3]
+    frame = {
+        "torso_link": body.torso_link,
+        "torso_rpy": tuple(round(float(angle), 9) for angle in rpy),
+        "torso_xyz": tuple(round(float(place), 6) for place in xyz),
+    }
+    model = model.model_copy(update=frame)
+    facts = read_facts(model, points.compiled)
+    hands = find_hands(body, facts, points, str(path), trust=trust_fingers)
+    servos = with_followers(_servos(body, facts, points, hands), body, facts, hands)
+    index = {servo.joint: servo.index for servo in servos}
+    _check_arms(body, servos, points, str(path))
+    draft = Robot(
+        name=name, title=f"{name}, proposed from {path.name}", source=str(path), digest="", model=model,
+        servos=servos, parts=(),
+    )  # fmt: skip
+    senses = elbow_senses(draft, body, points, index, left=elbow)
+    parts: list[GenericPart] = []
+    patches: list[Patch] = []
+    for side, limb in body.arms.items():
+        made = arm(draft, body, _side(side), points, index, sense=senses[side], mount=mount)
+        check_reach(draft, made)
+        parts.append(made)
+        patches += sleeves(body, limb, made, points)
+    parts = clear_of_body(draft, parts)
+    parts += [
+        middle(body, "head", body.head, index),
+        middle(body, "torso", body.trunk, index, sense=-1.0 if body.trunk_below else 1.0),
+    ]
+    wrists = [
+        hand(draft, body, limb, arm, index) for limb, arm in zip(body.arms.values(), parts, strict=False)
+    ]
+    parts += [one for one in wrists if one is not None]
+    for side, found in hands.items():
+        parts.append(fingers(draft, body, side, found, facts, points))
+        patches += hand_skin(body, found, parts[-1], points) if skin_on_hands else []
+    parts += [leg(draft, body, one, side, points, index) for side, one in body.legs.items()]
+    return draft.model_copy(update={"parts": tuple(parts), "patches": tuple(patches)})
+
+
+def _check_arms(body: FoundLimbs, servos: Iterable[Servo], points: LinkPoints, path: str) -> None:
+    """Raises DescriptionError if a joint of an arm has no motor of its own, or too little torque to move the
+    arm."""
+    own = {servo.joint: servo for servo in servos}
+    for limb in body.arms.values():
+        for joint in (*limb.ball, limb.bend, *([] if limb.turn is None else [limb.turn])):
+            name = body.joints[joint].name
+            if name not in own:
+                message = f"{name} of an arm follows another joint; valid: a joint with a motor of its own"
+                raise DescriptionError(path, [Fault(0, message)])
+            torque, inertia = own[name].limits.torque or 0.0, float(points.inertia([name])[0])
+            if torque < SLOWEST * inertia:
+                message = (
+                    f"{name}: its torque of {torque:.3g} N m can't move the {inertia:.3g} kg m2 that it "
+                    f"carries; valid: at least {SLOWEST * inertia:.3g} N m, or links whose mass and inertia "
+                    "are in kg and kg m2"
+                )
+                raise DescriptionError(path, [Fault(0, message)])
+
+
+def _servos(
+    body: FoundLimbs, facts: Mapping[str, JointFacts], points: LinkPoints, hands: Hands
+) -> tuple[Servo, ...]:
+    """Returns a servo for each actuated joint, in this order: torso, head, arms, legs, other joints."""
+    needed = {*body.trunk, *body.head, *(joint for leg in body.legs.values() for joint in leg.chain)}
+    for limb in body.arms.values():
+        needed |= {*limb.ball, limb.bend, *wrist(body, limb), *([] if limb.turn is None else [limb.turn])}
+    able = driven(body.joints, facts, needed)
+    groups: dict[str, Iterable[int]] = {"torso": body.trunk[::-1], "head": body.head}
+    groups |= {f"{side}_arm": body.behind(_first(body, limb.ball[0])) for side, limb in body.arms.items()}
+    groups |= {f"{side}_leg": body.behind(found.chain[0]) for side, found in body.legs.items()}
+    named = {joint for group in groups.values() for joint in group}
+    groups["other"] = [joint for joint in range(len(body.joints)) if joint not in named]
+    inertia = points.inertia([joint.name for joint in body.joints])
+    of_fingers = {joint for found in hands.values() for finger in found for joint in finger.chain}
+    servos: list[Servo] = []
+    for part, joints in groups.items():
+        for id, joint in enumerate(joint for joint in joints if joint in able):
+            name = body.joints[joint].name
+            usual = FINGER_TORQUE if joint in of_fingers else TORQUE
+            servos.append(
+                Servo(
+                    index=len(servos), robot_part=part, id=id, name=name, joint=name,
+                    limits=proposed_limits(facts[name], float(inertia[joint]), usual_torque=usual),
+                    modes=(Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE),
+                )
+            )  # fmt: skip
+    return tuple(servos)
+
+
+def _side(name: str) -> Side:
+    return "left" if name == "left" else "right"
+
+
+def _first(body: FoundLimbs, shoulder: int) -> int:
+    """Returns the joint at which an arm begins: the joint `shoulder`, or the joint of a collar bone that
+    carries the shoulder and no other limb."""
+    joint = shoulder
+    others = {limb.ball[0] for limb in body.arms.values()} | {leg.chain[0] for leg in body.legs.values()}
+    while (parent := body.joints[joint].parent) >= 0 and len(others & set(body.behind(parent))) == 1:
+        if parent in body.trunk:
+            break
+        joint = parent
+    return joint

@@ -1,0 +1,202 @@
+"""Proposes the generic fingers of a hand: motors and joints of each finger, their coupling, and its tip."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from tci.errors import DescriptionError, Fault
+from tci.lab.authoring.find_fingers import ROUNDED, DoubtfulFingersError, Finger, find_fingers
+from tci.lab.authoring.find_limbs import FoundLimbs
+from tci.lab.authoring.joint_facts import JointFacts
+from tci.lab.authoring.joint_tree import carried
+from tci.lab.authoring.link_points import LinkPoints
+from tci.lab.authoring.proposed_parts import ROOM, generic_joint, segment
+from tci.messages.frames import Array
+from tci.robot.description import GenericPart, GenericServo, Mimic, Robot, Servo
+from tci.robot.description.part import Term
+from tci.robot.generic_arm import Side
+from tci.robot.generic_fingers import JOINTS, PALM
+
+Trust = Literal["names", "places", "none"]
+"""Rule for hands whose fingers have names that contradict their places. "names": the names decide. "places":
+the places decide. "none": every hand is described without fingers."""
+SHORTEST = 0.005
+"""Least plausible length [m] of a finger's last link. If the geometry of the link gives a shorter length,
+this length is not used. Assumed: shorter than any finger tip."""
+Hands = Mapping[Side, tuple[Finger, ...]]
+"""Fingers by side. Hands without fingers are left out."""
+
+
+class _Drive(NamedTuple):
+    """Servo that moves a joint: joint angle = `multiplier` * servo angle + `offset`."""
+
+    servo: Servo
+    multiplier: float
+    offset: float
+
+
+def find_hands(
+    body: FoundLimbs, facts: Mapping[str, JointFacts], points: LinkPoints, path: str, *, trust: Trust | None
+) -> Hands:
+    """Returns the fingers of both hands. `trust` decides if names and places of fingers contradict each
+    other. Raises DescriptionError if the fingers of a hand can't be identified."""
+    hands: dict[Side, tuple[Finger, ...]] = {}
+    for name, limb in body.arms.items():
+        side: Side = "left" if name == "left" else "right"
+        try:
+            found = () if trust == "none" else find_fingers(
+                body.joints, limb.bend, side, facts, _tips(body, limb.bend, points), trust=trust
+            )  # fmt: skip
+        except DoubtfulFingersError as doubt:
+            message = (
+                f"fingers of the {side} hand: {doubt}; valid: --fingers names or --fingers places to decide "
+                "by those, or --fingers none"
+            )
+            raise DescriptionError(path, [Fault(0, message)]) from None
+        if found:
+            hands[side] = found
+    return _alike(hands)
+
+
+def _alike(hands: Hands) -> Hands:
+    """Gives both thumbs the opposition angle of the first hand, if their angles at the model's zero differ by
+    at most one rounding step (15 degrees).
+    """
+    thumbs = [found[0].offset for found in hands.values() if found[0].name == "thumb"]
+    if len(thumbs) < 2 or abs(thumbs[0] - thumbs[1]) > 1.01 * ROUNDED:
+        return hands
+    return {side: (replace(found[0], offset=thumbs[0]), *found[1:]) for side, found in hands.items()}
+
+
+def with_followers(
+    servos: Sequence[Servo], body: FoundLimbs, facts: Mapping[str, JointFacts], hands: Hands
+) -> tuple[Servo, ...]:
+    """Returns the servos, each with the finger joints that follow it mechanically."""
+    own = {servo.joint: servo for servo in servos}
+    followers: dict[int, list[Mimic]] = {}
+    for one in (one for found in hands.values() for finger in found for one in finger.chain):
+        name = body.joints[one].name
+        if name not in own and (drive := _drive(name, own, facts)) is not None:
+            mimic = Mimic(joint=name, multiplier=drive.multiplier, offset=drive.offset)
+            followers.setdefault(drive.servo.index, []).append(mimic)
+    return tuple(
+        servo.model_copy(update={"mimics": tuple(followers.get(servo.index, ()))}) for servo in servos
+    )
+
+
+def fingers(
+    draft: Robot, body: FoundLimbs, side: Side, found: Sequence[Finger], facts: Mapping[str, JointFacts],
+    points: LinkPoints,
+) -> GenericPart:  # fmt: skip
+    """Returns the generic fingers of one hand."""
+    own = {servo.joint: servo for servo in draft.servos}
+    rows: dict[str, tuple[dict[int, float], float]] = {}
+    segments = []
+    for finger in found:
+        drives = {one: _drive(body.joints[one].name, own, facts) for one in finger.chain}
+        bends = [(sign, drives[one]) for one, sign in zip(finger.flexion, finger.signs, strict=True)]
+        rows[f"{finger.name}_flexion"] = _flexion(
+            [(sign, drive) for sign, drive in bends if drive is not None]
+        )
+        turn = None if finger.spread is None else drives[finger.spread]
+        if turn is not None:
+            factor = {turn.servo.index: finger.outward * turn.multiplier}
+            rows[f"{finger.name}_spread"] = factor, finger.outward * turn.offset + finger.offset
+        link, start = body.joints[finger.chain[-1]].link, body.joints[finger.flexion[-1]].anchor
+        segments.append(segment(body, points, finger.name, link, start, finger.tip))
+    palm = body.joints[body.joints[found[0].chain[0]].parent]
+    bases = np.mean([body.joints[finger.flexion[0]].anchor for finger in found], axis=0)
+    segments.append(segment(body, points, PALM, palm.link, palm.anchor, bases))
+    shared = Counter(servo for factors, _ in rows.values() for servo in factors)
+    servos = tuple(
+        _generic(draft, id, name, *rows.get(name, ({}, 0.0)), shared) for id, name in enumerate(JOINTS)
+    )
+    return GenericPart(
+        name=f"{side}_fingers", kind="fingers", side=side, servos=servos, segments=tuple(segments)
+    )
+
+
+def _tips(body: FoundLimbs, arm: int, points: LinkPoints) -> dict[int, Array]:
+    """Returns the end (3,) [m] of each link that the joint `arm` carries, by the index of the joint that
+    moves this link. The ends are in the frame H: x forward, y left, z up.
+
+    The end is the place of the next joint, or else the far end of the link's geometry. If there is neither,
+    the link is assumed to be as long as the previous link.
+    """
+    ends = {}
+    for one in carried(body.joints, arm):
+        joint = body.joints[one]
+        after = [other.anchor for other in body.joints if other.parent == one]
+        end = points.far_end(joint.link, body.R_RH @ joint.anchor)
+        last = 2.0 * joint.anchor - body.joints[joint.parent].anchor
+        if end is not None and np.linalg.norm(end @ body.R_RH - joint.anchor) > SHORTEST:
+            last = end @ body.R_RH
+        ends[one] = after[0] if after else last
+    return ends
+
+
+def _drive(name: str, own: Mapping[str | None, Servo], facts: Mapping[str, JointFacts]) -> _Drive | None:
+    """Returns the servo that moves the joint `name`, by itself or through a joint that this joint follows
+    mechanically; None if no servo moves the joint."""
+    multiplier, offset = 1.0, 0.0
+    while name not in own:
+        given = facts.get(name)
+        if given is None or not given.follows:
+            return None
+        multiplier, offset = multiplier * given.multiplier, offset + multiplier * given.offset
+        name = given.follows
+    return _Drive(own[name], multiplier, offset)
+
+
+def _flexion(bends: Sequence[tuple[float, _Drive]]) -> tuple[dict[int, float], float]:
+    """Returns factors by servo index, and an offset [rad]: a finger's flexion [rad] is the sum of factor *
+    servo angle, plus the offset.
+
+    The flexion is the angle of the finger's first bending joint. If the finger has several motors, they are
+    assumed to move in the ratio of their ranges.
+    """
+    if not bends:
+        return {}, 0.0
+    ranges: dict[int, tuple[float, float]] = {}
+    for sign, drive in bends:
+        limits = drive.servo.limits
+        slope = sign * drive.multiplier
+        reach = max(slope * (limits.lower or 0.0), slope * (limits.upper or 0.0))
+        ranges.setdefault(drive.servo.index, (slope, reach))
+    first = next(iter(ranges.values()))[1]
+    turn = {servo: reach / first / slope for servo, (slope, reach) in ranges.items()}
+    total = sum(angle**2 for angle in turn.values())
+    offset = bends[0][0] * bends[0][1].offset if len(turn) == 1 else 0.0
+    return {servo: round(angle / total, 9) for servo, angle in turn.items()}, offset
+
+
+def _generic(
+    draft: Robot, id: int, name: str, factors: Mapping[int, float], offset: float, shared: Mapping[int, int]
+) -> GenericServo:
+    """Returns a generic joint of a finger, whose angle is the sum of factor * servo angle, plus `offset`
+    [rad].
+
+    `factors` are by servo index. `shared` is the number of generic joints that a servo moves, by servo index.
+    """
+    if not factors:
+        return GenericServo(id=id, name=name, servo=None)
+    zero = {servo: _near_zero(draft.servos[servo]) for servo in factors}
+    initial = offset + sum(factor * zero[servo] for servo, factor in factors.items())
+    servo, factor = next(iter(factors.items()))
+    if len(factors) == 1 and shared[servo] == 1:
+        return generic_joint(id, name, servo, scale=factor, offset=offset, initial=initial)
+    terms = tuple(Term(servo=servo, factor=factor) for servo, factor in factors.items())
+    return generic_joint(id, name, servo, transform="synergy", terms=terms, offset=offset, initial=initial)
+
+
+def _near_zero(servo: Servo) -> float:
+    """Returns the servo angle [rad] nearest to 0 that is at least 3 degrees from both limits, or 0.4 of the
+    servo's range if that is less."""
+    lower, upper = servo.limits.lower or 0.0, servo.limits.upper or 0.0
+    room = min(ROOM, 0.4 * (upper - lower))
+    return float(np.clip(0.0, lower + room, upper - room))

@@ -1,0 +1,147 @@
+"""Plays a gesture on a robot and measures the tracking error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tci.body.generic_body import GenericBody
+from tci.capabilities.capability import Capability
+from tci.capabilities.play_gesture import GestureMemory, Phase, PlayGesture
+from tci.drivers.driver import Driver
+from tci.errors import CommandError
+from tci.messages import Order, Perception
+from tci.messages.frames import Array
+from tci.reasons import Code, Reason
+from tci.runtime.loop import Tick, run
+
+MOST = 60.0
+"""Longest time [s] for the approach and for interruptions, in addition to the duration of the gesture.
+Without this limit, a touch that never ends would prevent the end of the playback. Assumed: usual
+interruptions are shorter."""
+
+
+@dataclass(frozen=True, slots=True)
+class Following:
+    """Tracking errors while a gesture was played. Errors during interruptions are not included."""
+
+    phase: Phase
+    """Phase of the playback at the end. The phase is DONE if the whole gesture was played."""
+    duration: float
+    """Time [s] between the first and the last step."""
+    interruptions: int
+    rms: dict[str, float]
+    """Root mean square [rad] of the difference between gesture and measured angle, by `part.joint`."""
+    largest: dict[str, float]
+    """Largest difference [rad] between gesture and measured angle, by `part.joint`."""
+    stopped: tuple[str, ...] = ()
+    """Pairs of links, as `LINK near LINK`, because of which the gate stopped an arm. Each pair is listed only
+    once."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Returns the errors as JSON values."""
+        return {
+            "phase": self.phase.value, "duration_s": self.duration, "interruptions": self.interruptions,
+            "rms_rad": self.rms, "largest_rad": self.largest, "stopped": list(self.stopped),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """Memory of the gesture, and the errors measured so far."""
+
+    inner: GestureMemory
+    first: float | None
+    count: int
+    squares: Mapping[str, Array]
+    largest: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class _Followed(Capability[_Seen]):
+    """Capability that plays a gesture and measures in each step how far the joints are from the gesture (the
+    tracking error)."""
+
+    play: PlayGesture
+
+    def init(self, body: GenericBody) -> _Seen:
+        zero = {part: np.zeros(angles.shape[1]) for part, angles in self.play.gesture.postures.items()}
+        return _Seen(self.play.init(body), None, 0, zero, zero)
+
+    def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
+        """Returns the first orders of the gesture."""
+        return self.play.begin(perception, body)
+
+    def step(
+        self, memory: _Seen, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[Order, ...], _Seen]:
+        """Returns the commands of the gesture, and a new memory that includes the errors of this step."""
+        orders, inner = self.play.step(memory.inner, perception, body)
+        first = perception.stamp if memory.first is None else memory.first
+        if inner.phase is not Phase.PLAY:
+            return orders, _Seen(inner, first, memory.count, memory.squares, memory.largest)
+        wanted = self.play.gesture.at(inner.time)
+        errors = {part: np.abs(angles - perception.posture[part]) for part, angles in wanted.items()}
+        squares = {part: memory.squares[part] + error**2 for part, error in errors.items()}
+        largest = {part: np.maximum(memory.largest[part], error) for part, error in errors.items()}
+        return orders, _Seen(inner, first, memory.count + 1, squares, largest)
+
+    def notes(self, memory: _Seen) -> tuple[str, ...]:
+        """Returns the messages of the gesture for a person."""
+        return self.play.notes(memory.inner)
+
+    def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
+        """Returns the gesture's reason to stop the robot, or None if there is no reason."""
+        return self.play.fault(perception, body)
+
+
+def follow(driver: Driver, play: PlayGesture, *, observe: Callable[[Tick], None] | None = None) -> Following:
+    """Plays a whole gesture on a robot and measures the tracking error.
+
+    The function `observe` is called after each period. Raises the errors of `run`, and CommandError if the
+    robot sends no valid reading.
+    """
+    stopped: dict[str, None] = {}
+
+    def see(tick: Tick) -> None:
+        for clamp in tick.sent.clamped:
+            if clamp.code is Code.SELF_COLLISION:
+                stopped[" near ".join(clamp.names)] = None
+        if observe is not None:
+            observe(tick)
+
+    result = run(
+        driver,
+        _Followed(play),
+        duration=play.gesture.duration + MOST,
+        observe=see,
+        until=lambda memory: memory.inner.phase is Phase.DONE,
+    )
+    memory = result.memory
+    if memory.first is None:
+        raise CommandError(
+            f"{driver.robot.name} sent no valid reading, so the gesture was not played; look with: tci doctor"
+        )
+    robot = driver.robot
+    names = {part: [joint.name for joint in robot.part(part).servos] for part in play.gesture.postures}
+    count = max(memory.count, 1)
+    rms = {part: np.sqrt(squares / count) for part, squares in memory.squares.items()}
+    return Following(
+        phase=memory.inner.phase,
+        duration=memory.inner.stamp - memory.first,
+        interruptions=memory.inner.interruptions,
+        rms=_named(names, rms),
+        largest=_named(names, memory.largest),
+        stopped=tuple(stopped),
+    )
+
+
+def _named(names: Mapping[str, list[str]], values: Mapping[str, Array]) -> dict[str, float]:
+    return {
+        f"{part}.{joint}": float(value)
+        for part, joints in names.items()
+        for joint, value in zip(joints, values[part], strict=True)
+    }

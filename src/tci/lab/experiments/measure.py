@@ -1,0 +1,128 @@
+"""Computes the results of a trial from two traces: one with the reflex, one without."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tci.lab.experiments.checker import command_violations, physics_violations, stray_servos
+from tci.lab.experiments.poke import Trace
+from tci.robot.description import Robot
+
+MOTION = float(np.deg2rad(0.05))
+"""Least difference [rad] that counts as motion: the difference of a joint angle between the trials with and
+without the reflex. Assumed: differences are smaller if servos only yield to the finger, and larger after one
+control period of a reflex."""
+
+AWAY = 1.0
+"""Least displacement [mm] of the skin along its inward normal that counts as a withdrawal. The displacement
+is measured relative to the trial without reflex. Assumed: servos that only yield to the finger move the skin
+by less."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One row of the report. All times are relative to the first contact."""
+
+    robot: str
+    side: str
+    site: str
+    taxels: int
+    """Number of taxels of the patch that the finger poked."""
+    responded: bool
+    """True if the reflex commanded this part and no other part, and the part's skin moved away from the
+    finger."""
+    trigger_ms: float | None
+    """Time [ms] of the first command of the reflex. The value is None if the reflex sent no command."""
+    first_motion_ms: float | None
+    """Time [ms] from the first contact until a joint angle first differed by at least 0.05 degrees from its
+    value in the trial without reflex. The value is None if all differences were smaller."""
+    contact_lost_ms: float | None
+    """Time [ms] from the first contact to the end of the last contact. The value is None if the finger
+    touched the skin until the end of the trial."""
+    contact_lost_without_reflex_ms: float | None
+    """Time [ms] from the first contact to the end of the last contact in the trial without reflex. The value
+    is None if the finger touched the skin until the end of that trial, as it normally does."""
+    peak_force_n: float
+    """Largest contact force [N] in the physics simulation."""
+    cop_error_mm: float | None
+    """Distance [mm] along the skin between TCI's centre of pressure and the contact point of the physics
+    simulation, at the time of the largest force. None if TCI found no contact."""
+    withdrawn_mm: float
+    """Displacement [mm] of the skin along its inward normal, at the centre of the receptive field, at the end
+    of the trial."""
+    withdrawn_without_reflex_mm: float
+    limit_violations: int
+    violations: tuple[str, ...]
+    """Violations that the module `checker` found, one sentence each."""
+    halts: tuple[str, ...]
+    """Reasons for which the gate held or stopped the robot during the trial."""
+
+
+def measure(robot: Robot, part: str, site: str, acted: Trace, held: Trace) -> Trial:
+    """Returns the results of one trial, in which the finger poked `part` at `site`.
+
+    `acted` is the trace with the reflex, `held` the trace without the reflex.
+    """
+    period = 1.0 / robot.binding("sim").rate
+    contact = acted.first_contact
+    commanded = [stamp for stamp, _ in acted.commanded]
+    violations: list[str] = []
+    halts: dict[str, None] = {}
+    right = bool(commanded) and {name for _, name in acted.commanded} == {part}
+    for trace in (acted, held):
+        violations += command_violations(robot, trace.sent, trace.positions, period)
+        violations += stray_servos(robot, part, trace.sent)
+        violations += physics_violations(robot, np.array(trace.positions), np.array(trace.velocities))
+        halts |= dict.fromkeys(f"{sent.state.value}: {sent.reason}" for sent in trace.sent if sent.reason)
+    return Trial(
+        robot=robot.name,
+        side=robot.part(part).side or "",
+        site=site,
+        taxels=acted.taxels,
+        responded=right and _withdrawn(acted) - _withdrawn(held) >= AWAY,
+        trigger_ms=_milliseconds(commanded[0] if commanded else None, contact),
+        first_motion_ms=_milliseconds(_first_motion(acted, held), contact),
+        contact_lost_ms=_milliseconds(acted.contact_lost, contact),
+        contact_lost_without_reflex_ms=_milliseconds(held.contact_lost, contact),
+        peak_force_n=acted.peak_force,
+        cop_error_mm=cop_error(acted),
+        withdrawn_mm=_withdrawn(acted),
+        withdrawn_without_reflex_mm=_withdrawn(held),
+        limit_violations=len(violations),
+        violations=tuple(violations),
+        halts=tuple(halts),
+    )
+
+
+def _milliseconds(stamp: float | None, start: float | None) -> float | None:
+    return None if stamp is None or start is None else round((stamp - start) * 1e3, 3)
+
+
+def _first_motion(acted: Trace, held: Trace) -> float | None:
+    times = np.array(acted.time) - acted.start
+    same = np.searchsorted(np.array(held.time) - held.start, times - 1e-9).clip(max=len(held.time) - 1)
+    difference = np.abs(np.array(acted.positions) - np.array(held.positions)[same]).max(axis=1)
+    moved = difference >= MOTION
+    return acted.time[int(moved.argmax())] if moved.any() else None
+
+
+def _withdrawn(trace: Trace) -> float:
+    return (trace.away[-1] - trace.away[0]) * 1e3
+
+
+def cop_error(trace: Trace) -> float | None:
+    """Returns the distance [mm] along the skin between TCI's centre of pressure and the contact point of the
+    physics simulation.
+
+    Only frames are used in which both TCI and the physics simulation have a contact; of these, the frame with
+    the largest force that TCI measured. Returns None if there is no frame with both contacts.
+    """
+    stamps = [stamp for stamp in trace.contacts if stamp in trace.center]
+    if not stamps:
+        return None
+    stamp = max(stamps, key=lambda stamp: trace.contacts[stamp].force)
+    contact = trace.contacts[stamp]
+    error = contact.p_T - trace.center[stamp]
+    return float(np.linalg.norm(error - (error @ contact.n_T) * contact.n_T) * 1e3)

@@ -1,0 +1,104 @@
+"""Makes an animated picture of a simulated run, without a screen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from tci.capabilities.fields import ReceptiveField
+from tci.errors import CommandError, UnknownNameError
+from tci.lab.pictures.camera import Camera, fit
+from tci.lab.pictures.paint import FULL_SCALE, field_looks
+from tci.lab.pictures.portrait import Portrait, keep_moment
+from tci.lab.pictures.video import needs_video, save_video
+from tci.runtime.loop import Tick
+from tci.simulation.world import World
+
+VIDEO = "mp4"
+FORMATS = ("gif", "webp", "png", VIDEO)
+"""Valid suffixes of the file: three formats of animated pictures, and a video format that needs the extra
+`video`."""
+# The times, sizes and directions below are chosen by eye.
+EVERY = 0.02
+"""Time [s] of the simulated run that passes between two pictures of the film."""
+SHOWN = 0.06
+"""Time [s] for which the film shows each picture. With this time the film plays at a third of real-time
+speed."""
+LAST = 1.0
+"""Time [s] for which the film shows the last picture."""
+WIDTH, HEIGHT = 440, 480
+AZIMUTH, ELEVATION = 0.5, 0.4
+"""Direction [rad] from the robot to the camera."""
+MOST = 2000
+"""Largest number of pictures in a film."""
+
+
+class Film:
+    """Records a film. Call `see` for every period of the run, and then `save`."""
+
+    def __init__(self, world: World, path: Path, *, fields: Sequence[ReceptiveField], part: str) -> None:
+        """Prepares a film of the upper body with the arm `part`.
+
+        Raises UnknownNameError for an unknown format, and MissingExtraError for a video if the extra `video`
+        is missing. Raises CommandError if the file exists or the folder does not exist.
+        """
+        self._format = path.suffix.removeprefix(".").lower()
+        if self._format not in FORMATS:
+            raise UnknownNameError("format of a film", path.suffix.removeprefix("."), FORMATS)
+        if self._format == VIDEO:
+            needs_video()
+        if path.exists():
+            raise CommandError(f"{path} exists and is not replaced; valid: a new file name")
+        if not path.parent.is_dir():
+            raise CommandError(f"{path.parent} is no folder; valid: a folder that exists")
+        self.path = path
+        self._world = world
+        self._part = part
+        self._portrait = Portrait(world, field_looks(fields), full_scale=FULL_SCALE)
+        self._camera: Camera | None = None
+        self._due = -np.inf
+        self._pictures: list[Image.Image] = []
+
+    def see(self, tick: Tick) -> None:
+        """Adds a picture to the film if EVERY [s] have passed since the last picture."""
+        if tick.now < self._due or len(self._pictures) >= MOST:
+            return
+        self._due = tick.now + EVERY - 1e-9
+        moment = keep_moment(self._world, tick.reading)
+        if self._camera is None:
+            reach = sum(segment.length for segment in self._world.robot.part(self._part).segments)
+            points = self._portrait.outline(moment, part=self._part, lowest=-0.7 * reach)
+            self._camera = fit(
+                points, azimuth=AZIMUTH, elevation=ELEVATION, width=WIDTH, height=HEIGHT, margin=0.08,
+                frame=self._portrait.torso(moment),
+            )  # fmt: skip
+        picture = Image.fromarray(self._portrait.draw(moment, self._camera))
+        words = f"{tick.now:.2f} s"
+        force = sum(contact.force for contact in tick.perception.contacts)
+        if force > 0.0:
+            words += f"   {force:.1f} N"
+        ImageDraw.Draw(picture).text((10, HEIGHT - 26), words, fill=(29, 39, 51), font_size=16)
+        self._pictures.append(picture)
+
+    def save(self) -> int:
+        """Writes the file and returns the number of pictures. Raises CommandError if the film has no
+        pictures."""
+        if not self._pictures:
+            raise CommandError(f"no film at {self.path}: the run had no period; valid: a longer run")
+        if self._format == VIDEO:
+            save_video(self.path, self._pictures, shown=SHOWN, last=LAST)
+            return len(self._pictures)
+        times = [round(1e3 * SHOWN)] * len(self._pictures)
+        times[-1] = round(1e3 * LAST)
+        pictures: list[Image.Image] = self._pictures
+        if self._format == "gif":
+            # All pictures share one palette, as their colours would otherwise flicker.
+            palette = self._pictures[len(self._pictures) // 2].quantize(256)
+            pictures = [
+                picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in self._pictures
+            ]
+        pictures[0].save(self.path, save_all=True, append_images=pictures[1:], duration=times, loop=0)
+        return len(pictures)

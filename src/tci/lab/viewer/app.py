@@ -1,0 +1,275 @@
+"""The viewer application: puts robots, controls and plots on one page, and updates the page."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import viser
+
+from tci.body.places import Place, find_place
+from tci.errors import TciError
+from tci.lab.viewer.controls import Controls
+from tci.lab.viewer.fields import legend
+from tci.lab.viewer.figure import Figure
+from tci.lab.viewer.framing import Framing
+from tci.lab.viewer.guard import close_server, open_server
+from tci.lab.viewer.labels import badge, event_list
+from tci.lab.viewer.pick import pick
+from tci.lab.viewer.playback import Playback
+from tci.lab.viewer.player import Player
+from tci.lab.viewer.plots import Plots
+from tci.lab.viewer.session import Session
+from tci.messages.frames import Array, apply, invert
+from tci.robot.generic_arm import limb_coordinates
+from tci.robot.joint_map import generic_posture
+
+RATE = 30.0
+"""Picture rate [Hz]."""
+SLOW = 6
+"""Number of pictures between two updates of plots, sliders and texts."""
+WIDTH = 390
+"""Width [pixels] of the panel with the controls. At this width each event fits into one line."""
+SPACE = 0.25
+"""Free space [m] between two robots."""
+SKY = (208, 218, 230), (250, 250, 250)
+"""Colours of the background, from top to bottom. These colours are darker than white, so that a white robot
+is visible."""
+Source = Session | Player
+"""Source of the data that the page shows of one robot: the running robot, or a recording of it."""
+HINT = "**Click the skin of an arm** to poke it there. Drag to rotate, scroll to zoom."
+
+
+class Viewer:
+    """A page with all robots side by side. `run` updates the page until another thread calls `stop`."""
+
+    def __init__(
+        self,
+        sources: Sequence[Source],
+        *,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+        folder: Path = Path("recordings"),
+    ) -> None:
+        """Opens the page. The viewer writes new recordings to `folder`. Raises DriverError if the port is in
+        use."""
+        self.sources: Mapping[str, Source] = _by_key(sources)
+        self.sessions = {key: source for key, source in self.sources.items() if isinstance(source, Session)}
+        """Sources with a running robot, by the robot's name. If several robots have one name, a number after
+        the name distinguishes them. Recordings are not included."""
+        names = " and ".join(dict.fromkeys(_title(source) for source in sources))
+        self.server, self.guard, self.address = open_server(host, port, label="TCI", title=f"{names} - TCI")
+        self._was_opened = False
+        self.pictures = 0
+        """Number of pictures shown."""
+        self._stop = threading.Event()
+        self._clicks: list[tuple[Array, Array]] = []
+        self.figures = {key: Figure(self.server, source.robot, key) for key, source in self.sources.items()}
+        for key, source in self.sources.items():
+            self.figures[key].show_fields(source.fields)
+        self._stand_side_by_side()
+        self._set_scene()
+        self._add_panels(folder)
+
+    def run(self, *, duration: float | None = None, until: Callable[[], bool] = lambda: False) -> None:
+        """Updates the page until `stop` is called, `duration` [s] is over, or `until` returns True."""
+        begin = due = time.monotonic()
+        while not (self._stop.is_set() or until()) and (
+            duration is None or time.monotonic() - begin < duration
+        ):
+            self.update(words=self.pictures % SLOW == 0)
+            due = max(due + 1.0 / RATE, time.monotonic())
+            self._stop.wait(due - time.monotonic())
+
+    def stop(self) -> None:
+        """Lets `run` return. Any thread may call this method."""
+        self._stop.set()
+
+    def close(self) -> None:
+        """Brings the robots to rest and closes the page."""
+        for source in self.sources.values():
+            source.close()
+        close_server(self.server)
+
+    def update(self, *, words: bool) -> None:
+        """Draws one picture of the robots. If `words` is true, also updates plots, sliders and texts."""
+        self.pictures += 1
+        now = time.monotonic()
+        watched = bool(self.server.get_clients())
+        self._was_opened |= watched
+        if self.playback is not None and self._was_opened:  # else the beginning would be missed
+            self.playback.advance(now)
+        if not watched:
+            return  # a page that opens later shows the last drawing, and then the next picture
+        self._framing.update()
+        for key, source in self.sources.items():
+            if source.view is not None:
+                self.figures[key].show(source.view)
+        while self._clicks:
+            self._clicked(*self._clicks.pop(0))
+        if words:
+            self._show_events()
+            self._plots.update({key: source.history for key, source in self.sources.items()})
+            for controls in self.controls.values():
+                controls.update()
+            if self.playback is not None:
+                self.playback.update()
+
+    def poke(self, key: str, place: Place) -> None:
+        """Pokes a robot's skin with the force and speed of the sliders. If "same place on every robot" is
+        selected on the page, also pokes the corresponding points of the other robots."""
+        touched = self.sources[key]
+        self._poke(touched, place)
+        if self._everywhere is None or not self._everywhere.value or touched.view is None:
+            return
+        figure, joints = self.figures[key], touched.view.joints
+        patch = figure.robot.patch(place.patch)
+        segment = figure.robot.limb_segment(patch)
+        if segment is None:
+            return
+        part = figure.robot.part(patch.part)
+        T_TS = figure.skin.segment_pose(
+            part.name, patch.segment, joints, generic_posture(figure.robot, joints)[part.name]
+        )
+        T_SL = invert(T_TS) @ figure.skin.link_pose(patch.link, joints)
+        assert part.side is not None  # Skin
+        u, theta = limb_coordinates(apply(T_SL, place.p_L), part.segment(patch.segment).length, part.side)
+        for other, source in self.sources.items():
+            if other == key or source.view is None:
+                continue
+            try:
+                there = find_place(
+                    self.figures[other].skin, part.name, patch.segment,
+                    float(u), float(theta), source.view.joints,
+                )  # fmt: skip
+                self._poke(source, there)
+            except TciError as error:
+                source.say(str(error))
+
+    def _poke(self, source: Source, place: Place) -> None:
+        try:
+            source.poke(place, force=float(self._force.value), speed=float(self._speed.value))
+        except TciError as error:
+            source.say(str(error))
+
+    def _clicked(self, origin: Array, direction: Array) -> None:
+        found = []
+        for key, figure in self.figures.items():
+            hit = pick(figure, origin, direction)
+            if hit is not None:
+                found.append((hit[1], key, hit[0]))
+        _set(self._hint, HINT if found else "No skin at that place. " + HINT)
+        if found:
+            _, key, place = min(found, key=lambda hit: hit[0])
+            self.poke(key, place)
+
+    def _stand_side_by_side(self) -> None:
+        """Places the robots in a row. The first robot is at the left of the picture."""
+        total = sum(figure.width for figure in self.figures.values()) + SPACE * (len(self.figures) - 1)
+        left = -total / 2.0
+        for figure in self.figures.values():
+            figure.stand(left + figure.width / 2.0)
+            left += figure.width + SPACE
+        self._width = total
+
+    def _set_scene(self) -> None:
+        scene = self.server.scene
+        scene.configure_default_lights(enabled=False)
+        scene.configure_environment_map(hdri=None)
+        scene.set_background_image(np.linspace(*SKY, 64).astype(np.uint8)[:, None], format="png")
+        scene.add_light_ambient("/light/ambient", intensity=1.7)
+        scene.add_light_directional("/light/sun", intensity=1.6, position=(3.0, 1.5, 4.0))
+        scene.add_light_directional("/light/sky", intensity=0.5, position=(1.0, -4.0, 2.0))
+        scene.add_grid(
+            "/floor", width=12.0, height=12.0, cell_size=0.1, section_size=0.5,
+            cell_color=(228, 230, 233), section_color=(205, 209, 214), shadow_opacity=0.0,
+        )  # fmt: skip
+
+    def _add_panels(self, folder: Path) -> None:
+        gui = self.server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(28, 126, 214))
+        self._badges = {key: gui.add_html("") for key in self.sources}
+        self._everywhere: viser.GuiCheckboxHandle | None = None
+        if any(source.world is not None for source in self.sources.values()):
+            self._add_poke()
+        self.playback: Playback | None = None
+        players = [source for source in self.sources.values() if isinstance(source, Player)]
+        if players:
+            with gui.add_folder("recording"):
+                self.playback = Playback(self.server, players)
+        fields = dict.fromkeys(field for source in self.sources.values() for field in source.fields)
+        if fields:
+            with gui.add_folder("receptive fields"):
+                gui.add_html(legend(tuple(fields)))
+        with gui.add_folder("events"):
+            self._events = gui.add_html("")
+        self.controls: dict[str, Controls] = {}
+        if self.sessions:
+            tabs = gui.add_tab_group()
+            for key, session in self.sessions.items():
+                with tabs.add_tab(_title(session)):
+                    self.controls[key] = Controls(self.server, session, key, folder)
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(WIDTH)
+        panel = gui.add_panel()
+        titles = {key: _title(source) for key, source in self.sources.items()}
+        arms = dict.fromkeys(
+            part.name for source in self.sources.values() for part in source.robot.parts
+            if part.kind == "arm"
+        )  # fmt: skip
+        with panel.add_tab("last seconds"):
+            self._plots = Plots(self.server, titles, tuple(arms))
+        panel.dock_left()
+        panel.set_width(300)
+        tallest = max(figure.height for figure in self.figures.values())
+        self._framing = Framing(self.server, panel, width=self._width, height=tallest)
+
+    def _add_poke(self) -> None:
+        gui = self.server.gui
+        self._hint = gui.add_markdown(HINT)
+        with gui.add_folder("poke"):
+            self._force = gui.add_slider("force [N]", 0.5, 10.0, 0.5, 5.0)
+            self._speed = gui.add_slider("speed [m/s]", 0.05, 0.5, 0.05, 0.25)
+            if len(self.sources) > 1:
+                self._everywhere = gui.add_checkbox("same place on every robot", True)
+            pace = gui.add_slider("pace (1 is real time)", 0.0, 1.0, 0.05, 1.0)
+            pace.on_update(lambda _: self._set_pace(float(pace.value)))
+
+        @self.server.scene.on_click()
+        def _(event: viser.SceneClickEvent) -> None:
+            # Figures may be used by the drawing thread only.
+            self._clicks.append((np.array(event.ray_origin), np.array(event.ray_direction)))
+
+    def _set_pace(self, pace: float) -> None:
+        for session in self.sessions.values():
+            session.pace = pace
+
+    def _show_events(self) -> None:
+        events: list[tuple[str, float, str]] = []
+        for key, source in self.sources.items():
+            _set(self._badges[key], badge(_title(source), source.view, source.ended, source.loop_words))
+            events += [(_title(source), stamp, words) for stamp, words in list(source.events)[-6:]]
+        _set(self._events, event_list(sorted(events, key=lambda event: -event[1])[:8]))
+
+
+def _set(handle: viser.GuiHtmlHandle | viser.GuiMarkdownHandle, content: str) -> None:
+    if handle.content != content:
+        handle.content = content
+
+
+def _by_key(sources: Sequence[Source]) -> dict[str, Source]:
+    found: dict[str, Source] = {}
+    for source in sources:
+        name, number = source.robot.name, 2
+        key = name
+        while key in found:
+            key, number = f"{name}-{number}", number + 1
+        found[key] = source
+    return found
+
+
+def _title(source: Source) -> str:
+    return (source.robot.title or source.robot.name).split()[0]

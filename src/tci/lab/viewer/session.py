@@ -1,0 +1,338 @@
+"""Runs one robot in a separate thread: executes the control loop and a person's requests, and creates the
+views for the page."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import numpy as np
+
+from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
+from tci.body.places import Place
+from tci.capabilities.capability import Capability
+from tci.drivers.driver import Driver
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import CommandError, TciError
+from tci.gate.acceptance import fault_of_reading
+from tci.gate.gate import GateState
+from tci.lab.faults.fault_injector import FaultInjector, FaultPlan
+from tci.lab.viewer.fields import fields_of
+from tci.lab.viewer.labels import moves, touched
+from tci.lab.viewer.real_time import RealTime
+from tci.lab.viewer.rehearsal import Rehearsal
+from tci.lab.viewer.steered import Steered
+from tci.lab.viewer.view import History, View
+from tci.messages import GenericCommand, Mode
+from tci.reasons import Reason, text_of
+from tci.recording.recorder import Recorder
+from tci.runtime.loop import Tick, run
+from tci.runtime.loop_report import LoopReport
+from tci.simulation.finger import STIFFNESS
+
+FRESH = 0.01
+"""Smallest time [s] between two views. A view with a new event may follow earlier."""
+IDLE = 0.02
+"""Time [s] between two checks of a robot whose loop has ended. Assumed: shorter than the time between two
+pictures."""
+QUIET = 0.3
+"""A touch or command is shown as a new event if the pause before it is longer than this time [s]. Assumed:
+short interruptions of one touch last less."""
+GAP = 0.01
+"""Distance [m] from which the finger approaches. Assumed: large enough, so that a person can see the
+approach."""
+LEAVE, STAY = 0.3, 1.5
+"""Times [s] after which the finger leaves the robot: LEAVE after the finger lost contact, or STAY after it
+began to touch, whichever is earlier. Assumed: long enough for a person to see the touch."""
+
+
+class _Closed(Exception):
+    """Raised to end the session: the loop then brings the robot to rest and returns."""
+
+
+class Session:
+    """A running robot, real or simulated. Any thread may call the methods."""
+
+    def __init__(self, driver: Driver, capability: Capability[Any], *, about: dict[str, str]) -> None:
+        """Stores `about`, facts that each recording will contain. `start` begins the control loop, and
+        `close` ends the loop."""
+        self.robot = driver.robot
+        self._patches = [patch.name for patch in driver.robot.patches]
+        self.driver = FaultInjector(driver, [])
+        self.world = driver.world if isinstance(driver, SimulatedDriver) else None
+        self.armed = driver.armed
+        self.view: View | None = None
+        """The latest view."""
+        self.history = History()
+        self.report = LoopReport()
+        self.events: deque[tuple[float, str]] = deque(maxlen=50)
+        """Events as text, with their time [s]."""
+        self.ended = ""
+        """Reason why the loop ended. The text is empty while the loop runs."""
+        self.pace = 1.0
+        """Speed of the simulation [simulated seconds per second]. The value is 0 during a pause. It has no
+        effect on a real robot."""
+        self.pokes = 0
+        """Number of pokes that began."""
+        self.recorder: Recorder | None = None
+        self._about = about
+        self.rehearsal: Rehearsal | None = None
+        """The latest fault that a person injected."""
+        self.fields = fields_of(capability)
+        """Receptive fields of the behaviour. The tuple is empty if the behaviour has no fields on limbs."""
+        self._steered = Steered(capability)
+        self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._again, self._closing = threading.Event(), threading.Event()
+        self._recording = threading.Lock()
+        self._noted: dict[str, float] = {}
+        self._real_time = RealTime()
+        self._leave = np.inf
+        self._state: tuple[GateState, Reason | None] = (GateState.RUN, None)
+        self._thread = threading.Thread(target=self._work, name=f"loop of {self.robot.name}", daemon=True)
+
+    @property
+    def loop_words(self) -> str:
+        """Timing of the loop, as text."""
+        if not self.armed:
+            return "read-only: this viewer does not command it"
+        work = 1e3 * self.report.work.quantile(0.5)
+        return f"{self.report.ticks} periods, {self.report.overruns} overruns, {work:.2f} ms each"
+
+    def start(self) -> None:
+        """Starts the loop."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Brings the robot to rest, ends the loop, and closes the recording and the driver."""
+        self._closing.set()
+        self._again.set()
+        if self._thread.ident is not None:
+            self._thread.join(timeout=5.0)
+        self.stop_recording()
+        self.driver.close()
+
+    def post(self, action: Callable[[], None]) -> None:
+        """Runs an action between two periods, in the loop's thread. If the action raises an error, the page
+        shows this error as an event."""
+        self._inbox.put(action)
+
+    def poke(self, place: Place, *, force: float, speed: float) -> None:
+        """Presses the skin with the simulated finger. The largest force is `force` [N], and the finger
+        approaches with `speed` [m/s].
+
+        Raises CommandError if the robot is not simulated.
+        """
+        world = self.world
+        if world is None:
+            raise CommandError(
+                f"{self.robot.name} is not simulated, so no finger can poke it; valid: --via sim"
+            )
+
+        def begin() -> None:
+            world.finger.retire()
+            depth = force / STIFFNESS
+            world.finger.poke(place.patch, place.p_L, place.n_L, speed=speed, depth=depth, gap=GAP)
+            self._leave = world.time + STAY + GAP / speed
+            self.pokes += 1
+            self.say(f"poke of {place.patch}: up to {force:g} N at {speed:g} m/s")
+
+        self.post(begin)
+
+    def move(self, part: str, posture: np.ndarray) -> None:
+        """Moves a generic part to a posture (n,) [rad], through the gate."""
+        self._steered.orders.put(GenericCommand(part, Mode.POSITION, np.array(posture, dtype=float)))
+
+    def home(self) -> None:
+        """Moves every part to its initial posture."""
+        for part in self.robot.parts:
+            if any(servo.servo is not None for servo in part.servos):
+                self.move(part.name, part.initial_posture)
+
+    def inject(self, name: str, *, lasts: float) -> None:
+        """Injects a fault now, for `lasts` [s]."""
+        plan = FaultPlan(name, 0.0, lasts)
+        self.rehearsal = rehearsal = Rehearsal(plan)
+
+        def begin() -> None:
+            self.driver.inject(plan)
+            self.say(f"fault for {rehearsal.plan.lasts:g} s: {plan}")
+
+        self.post(begin)
+
+    def reset(self) -> None:
+        """Leaves the state STOP. If the loop has ended, starts it again. An operator calls this."""
+        if self.ended:
+            self.driver.gate.reset()
+            self._again.set()
+        else:
+            self.post(self.driver.gate.reset)
+        self.say("reset by the operator")
+
+    def record(self, path: Path) -> None:
+        """Starts a recording. Raises the errors of `Recorder`."""
+        about = {"recorded_by": "tci view", **self.driver.info.about, **self._about}
+        middleware = self._about.get("middleware", "sim")
+        self.recorder = Recorder(
+            path,
+            self.robot,
+            middleware=middleware,
+            period=self.driver.period,
+            keep_alive=self.driver.info.keep_alive,
+            about=about,
+        )
+        self.say(f"recording to {path}")
+
+    def stop_recording(self) -> Recorder | None:
+        """Closes the recording and returns its recorder, or None if there is no recording. The compression of
+        the file does not delay the loop."""
+        with self._recording:
+            recorder, self.recorder = self.recorder, None
+        if recorder is not None:
+            recorder.close()
+            self.say(f"recorded {recorder.path}: {recorder.failed or f'{recorder.ticks} periods'}")
+        return recorder
+
+    def say(self, words: str) -> None:
+        """Adds the text `words` to the list of events on the page."""
+        self.events.append((self.view.time if self.view else 0.0, words))
+
+    def _work(self) -> None:
+        while not self._closing.is_set():
+            self.ended = ""
+            self._real_time.forget()
+            try:
+                if self.armed:
+                    run(self.driver, self._steered, observe=self._see, report=self.report)
+                else:
+                    self._watch()
+            except _Closed:
+                return
+            except Exception as error:
+                self._again.clear()
+                self.ended = f"{type(error).__name__}: {error}"
+                self.say(f"the loop ended: {self.ended}")
+                if self.rehearsal is not None and not self.rehearsal.over:
+                    self.rehearsal.end(self.ended)
+                while not (self._closing.is_set() or self._again.wait(IDLE)):
+                    if self.world is not None:
+                        self.world.advance(self.world.time + IDLE * self.pace)
+
+    def _watch(self) -> None:
+        """Reads a robot and updates the page, without commanding the robot, until the session ends."""
+        perceiver = Perceiver(GenericBody(self.robot), keep_alive=self.driver.info.keep_alive)
+        for now in self.driver.ticks():
+            reading = self.driver.read()
+            perception = perceiver.step(reading, now)
+            with self._recording:
+                if self.recorder is not None:
+                    self.recorder.tick(now, reading)
+            assert perception.skin is not None  # a Perceiver always sets `skin`
+            felt = perception.skin.by_patch(self._patches)
+            fault = fault_of_reading(self.robot, reading.joints, now, self.driver.gate.stale_after)
+            old = text_of(fault)
+            self._publish(
+                View(now, reading.joints, perception.posture, felt, perception.contacts, None, old, 0.0)
+            )
+            self._between(now)
+
+    def _see(self, tick: Tick) -> None:
+        with self._recording:
+            if self.recorder is not None:
+                self.recorder.tick(tick.now, tick.reading, tick.commands, tick.sent)
+        sent = tick.sent
+        state = (sent.state, sent.reason)
+        if state[0] is not self._state[0]:
+            self.say(f"{sent.state.name}: {sent.reason or 'commands pass again'}")
+        for refusal in sent.refusals:
+            if not sent.reason:
+                self.say(f"refused: {refusal}")
+        self._rehearse(tick)
+        self._tell_moves(tick)
+        changed, self._state = state != self._state, state
+        if not changed and self.view is not None and 0.0 <= tick.now - self.view.time < FRESH:
+            self._between(tick.now)
+            return
+        self._publish(
+            View(
+                time=tick.now,
+                joints=tick.reading.joints,
+                posture=tick.perception.posture,
+                pressure=tick.skin.by_patch(self._patches),
+                contacts=tick.perception.contacts,
+                state=sent.state,
+                reason=text_of(sent.reason),
+                response=float(np.abs(sent.velocity).max(initial=0.0)),
+                finger=self.world.finger.pose if self.world and self._leave < np.inf else None,
+            )
+        )
+        self._between(tick.now)
+
+    def _rehearse(self, tick: Tick) -> None:
+        """Records the gate's answer to a fault that was injected on purpose, and adds an event to the page
+        when the fault is over."""
+        rehearsal = self.rehearsal
+        if rehearsal is None or rehearsal.over:
+            return
+        active = any(plan.name == rehearsal.plan.name for plan in self.driver.active)
+        rehearsal.see(tick.now, tick.sent, active=active)
+        if rehearsal.over:
+            self.say(rehearsal.words)
+
+    def _tell_moves(self, tick: Tick) -> None:
+        """Adds an event to the page if a patch is touched, or a part is commanded, for the first time after a
+        pause."""
+        for contact in tick.perception.contacts:
+            if tick.now - self._noted.get(contact.patch, -np.inf) > QUIET:
+                self.say(touched(contact, self.fields))
+            self._noted[contact.patch] = tick.now
+        for order in tick.commands:
+            if isinstance(order, GenericCommand):
+                if tick.now - self._noted.get(order.part, -np.inf) > QUIET:
+                    self.say(moves(order.part, order.values))
+                self._noted[order.part] = tick.now
+
+    def _publish(self, view: View) -> None:
+        self.view = view
+        self.history.add(view)
+
+    def _between(self, now: float) -> None:
+        """Runs the actions that other threads have requested, and then waits until the next period begins."""
+        self._take_finger_away()
+        while True:
+            self._serve_inbox()
+            if self._closing.is_set():
+                raise _Closed
+            if self.world is None:
+                return
+            pace = self.pace  # The value is read only once, because another thread may change it.
+            if pace > 0.0:
+                break
+            self._real_time.forget()
+            time.sleep(IDLE)
+        self._real_time.wait(now, pace)
+
+    def _serve_inbox(self) -> None:
+        while True:
+            try:
+                action = self._inbox.get_nowait()
+            except Empty:
+                return
+            try:
+                action()
+            except TciError as error:
+                self.say(str(error))
+
+    def _take_finger_away(self) -> None:
+        world = self.world
+        if world is None or self._leave == np.inf:
+            return
+        lost = world.finger.contact_lost
+        if world.time >= self._leave or (lost is not None and world.time - lost > LEAVE):
+            world.finger.retire()
+            self._leave = np.inf

@@ -1,0 +1,315 @@
+"""Gymnasium environment `tci/Withdrawal-v0`: a simulated finger pokes one arm (extra `gym`).
+
+One episode contains one poke at a random point of the arm, at a random time. The agent commands targets of
+the generic arm, and the gate limits the motion. Harm, effort and distance from the task posture reduce the
+reward.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
+from tci.body.places import find_place
+from tci.capabilities.fields import default_fields
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import TciError
+from tci.lab.pictures.camera import look_at
+from tci.lab.pictures.portrait import Portrait, keep_moment
+from tci.learn.registration import register
+from tci.messages import GenericCommand, Mode, Perception, SwitchMode
+from tci.messages.frames import Array
+from tci.robot.catalogue import load_robot
+from tci.robot.description import GenericPart, Robot
+from tci.robot.generic_arm import SEGMENTS
+from tci.simulation.world import World
+from tci.support.installed import needs
+
+with needs("the environment tci/Withdrawal-v0", "gym"):
+    import gymnasium
+    from gymnasium import spaces
+
+CONTACTS = 4
+"""Number of contacts in an observation. The strongest contact is the first."""
+CONTACT = 7
+"""Number of values per contact. The values are: 1 on the forearm and 0 on the upper arm, u, sine of theta,
+cosine of theta, force [N], force [N] of the contact's strongest taxel, area [cm2]. All values are 0 in unused
+rows."""
+PAIN = 400e3
+"""Pressure [Pa] that counts as pain. Assumed: the order of magnitude that algometers measure on arms. Behrens
+et al. 2022 (doi:10.3389/frobt.2021.667818) list thresholds for several points of the body and several
+tools."""
+EFFORT, TASK = 0.05, 1.0
+"""Weights in the reward: EFFORT for effort, TASK for the distance from the task posture. The weight of harm
+is 1. Assumed: with larger values of EFFORT and TASK the agent would accept more pain."""
+SPEED = (0.1, 0.4)
+DEPTH = (0.006, 0.014)
+"""Ranges from which the random speed [m/s] (SPEED) and the random depth [m] (DEPTH) of the finger's base are
+drawn for each poke. Assumed: the ranges include light and painful touches."""
+FORCE = 100.0
+"""Largest value of a force [N], and also of an area [cm2], in an observation. Larger values are clipped."""
+
+Observation = dict[str, NDArray[np.float64]]
+
+
+class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
+    """Environment with one arm that a finger pokes.
+
+    The observation is a dictionary: `posture` (5,) [rad] and `velocity` (5,) [rad/s] of the generic arm,
+    `task` (5,) [rad] (the posture to which the arm should return), and either `contacts` (4, 7), one row per
+    contact with the columns that CONTACT lists, or `taxels` (n,), the force [N] on each taxel.
+
+    The action (5,) is the target of the generic arm in the control mode of the environment: angles [rad] for
+    position and impedance, velocities [rad/s] for velocity. Targets of joints that the robot lacks are
+    ignored.
+
+    The reward of a step is -period (harm + 0.05 effort + task). In this formula, period is `period` [s],
+    rounded up to a multiple of the robot's control period. The term harm is the largest pressure divided by
+    `pain`, effort is the mean square of the generic velocities [rad2/s2], and task is the mean distance of
+    the joints from the task posture [rad]. The dictionary `info` contains the three terms. An episode is
+    truncated after `duration` [s], and never ends earlier.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 50}  # noqa: RUF012 - as Gymnasium declares it
+
+    def __init__(
+        self,
+        robot: str | Robot = "nao",
+        *,
+        part: str = "left_arm",
+        mode: str = "position",
+        touch: Literal["contacts", "taxels"] = "contacts",
+        period: float = 0.02,
+        duration: float = 1.5,
+        rate: float = 100.0,
+        step: float = 0.002,
+        noise: float = 0.0,
+        pain: float = PAIN,
+        render_mode: str | None = None,
+    ) -> None:
+        """Creates the environment.
+
+        `robot` is the name or description of a robot, and `part` an arm with skin. `period` [s] is the length
+        of one step, `rate` [Hz] the rate of commands to the robot, `step` [s] the step of the physics
+        simulation, and `noise` [counts] the noise of the skin. The default rate is the frame rate of NAO's
+        arm skin, since a new touch can't be detected between two frames. Raises TciError for an unknown
+        `mode`, `touch` or `render_mode`, for a part without skin, for an invalid number, and for a robot that
+        can't be simulated.
+        """
+        modes = {m.value: m for m in (Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE)}
+        if mode not in modes:
+            raise TciError(f"mode {mode!r}; valid: {', '.join(modes)}")
+        if touch not in ("contacts", "taxels"):
+            raise TciError(f"touch {touch!r}; valid: contacts, taxels")
+        if render_mode not in (None, "rgb_array"):
+            raise TciError(f"render mode {render_mode!r}; valid: rgb_array")
+        given = (("pain", pain), ("period", period), ("duration", duration), ("rate", rate))
+        for name, value in given:
+            if not 0.0 < value < np.inf:
+                raise TciError(f"{name} {value}; valid: above 0 and finite")
+        self.robot = load_robot(robot) if isinstance(robot, str) else robot
+        self.part = self.robot.part(part)
+        limbs = [patch for patch in self.robot.patches if patch.segment in SEGMENTS]
+        self.patches = [patch.name for patch in limbs if patch.part == part]
+        if not self.patches:
+            valid = ", ".join(dict.fromkeys(patch.part for patch in limbs))
+            raise TciError(f"{self.robot.name} has no arm {part} with skin; valid: {valid}")
+        self._own = [number for number, one in enumerate(self.robot.patches) if one.name in self.patches]
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / period)}
+        self.mode, self.touch, self.period, self.duration, self.pain = (
+            modes[mode],
+            touch,
+            period,
+            duration,
+            pain,
+        )
+        self.body = GenericBody(self.robot)
+        self._rate = rate
+        self.world = World(self.robot, step=step, noise=noise, period=1.0 / rate)
+        self._sites = default_fields()
+        self._portrait: Portrait | None = None
+        low, high = generic_limits(self.robot, self.part)
+        if self.mode is Mode.VELOCITY:
+            fastest = np.array([servo.speed or np.pi for servo in self.part.servos])
+            low, high = -fastest, fastest
+        n = len(low)
+        self._low, self._high = low, high
+        self.action_space = spaces.Box(low, high, dtype=np.float64)
+        felt = (
+            spaces.Box(-FORCE, FORCE, (CONTACTS, CONTACT), np.float64)
+            if touch == "contacts"
+            else spaces.Box(0.0, FORCE, (self._count(),), np.float64)
+        )
+        self._bounds: dict[str, spaces.Box[Any]] = {
+            "posture": spaces.Box(-2 * np.pi, 2 * np.pi, (n,), np.float64),
+            "velocity": spaces.Box(-100.0, 100.0, (n,), np.float64),
+            "task": spaces.Box(-2 * np.pi, 2 * np.pi, (n,), np.float64),
+            touch: felt,
+        }
+        self.observation_space = spaces.Dict({**self._bounds})  # type: ignore[assignment] # the base's is Space[Observation]
+        boxes = self._bounds.values()
+        self._least = np.concatenate([box.low.ravel() for box in boxes])
+        self._most = np.concatenate([box.high.ravel() for box in boxes])
+
+    def _count(self) -> int:
+        return sum(len(self.world.surfaces[name].positions) for name in self.patches)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Starts an episode. Episodes with equal seeds are equal bit for bit. The argument `options` is
+        ignored."""
+        super().reset(seed=seed)
+        # With a separate generator, the noise does not change the point and the time of the poke.
+        self.world.reset(seed=int(self.np_random.spawn(1)[0].integers(2**32)))
+        self.driver = SimulatedDriver(self.robot, world=self.world, rate=self._rate)
+        self.perceiver = Perceiver(self.body)
+        self.time, self._due = 0.0, self.np_random.uniform(0.1, 0.4) * self.duration
+        self._poked = False
+        seen = self._look()
+        self._task = np.array(seen.posture[self.part.name])
+        self._before = self._task
+        if self.mode is not Mode.POSITION:
+            self._write([SwitchMode(self.part.name, self.mode)])
+            seen = self._look()
+        return self._observe(seen, self.period), {"harm": 0.0, "effort": 0.0, "task": 0.0, "force": 0.0}
+
+    def step(self, action: NDArray[np.float64]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Executes one step of the environment with a new target. The gate checks the commands."""
+        values = np.minimum(np.maximum(np.asarray(action, np.float64), self._low), self._high)
+        orders: list[GenericCommand] = [GenericCommand(self.part.name, self.mode, values)]
+        begin, end = self.time, self.time + self.period
+        harm, seen = 0.0, self._seen
+        while self.time < end - 1e-9:
+            if not self._poked and self.time >= self._due:
+                self._poke()
+            self._write(orders)
+            orders = []
+            self.time += self.driver.period
+            self.world.advance(self.time)
+            seen = self._look()
+            harm = max(harm, self._harm(seen))
+        took = self.time - begin
+        observation = self._observe(seen, took)
+        velocity, distance = observation["velocity"], np.abs(observation["posture"] - self._task)
+        effort, task = float(velocity @ velocity) / len(velocity), float(distance.sum()) / len(distance)
+        reward = -took * (harm + EFFORT * effort + TASK * task)
+        info = {"harm": harm, "effort": effort, "task": task, "force": self.world.finger.force}
+        return observation, reward, False, self.time >= self.duration - 1e-9, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Returns a picture (240, 320, 3) of the world, or None if `render_mode` is None."""
+        if self.render_mode is None:
+            return None
+        if self._portrait is None:
+            self._portrait = Portrait(self.world, (), full_scale=self.pain)
+        moment = keep_moment(self.world, self.driver.read())
+        torso = self._portrait.torso(moment)[:3, 3]
+        camera = look_at(torso, azimuth=0.6, elevation=0.2, distance=1.4, width=320, height=240)
+        return self._portrait.draw(moment, camera)
+
+    def close(self) -> None:
+        """Does nothing, because the world uses no resources except memory."""
+
+    def _poke(self) -> None:
+        """Pokes a point near the centre of a random receptive field of the reflex."""
+        self._poked = True
+        site = self._sites[int(self.np_random.integers(len(self._sites)))]
+        u = float(np.clip(site.u + self.np_random.normal(0.0, 0.05), 0.1, 0.9))
+        theta = site.theta + self.np_random.normal(0.0, 0.3)
+        speed, depth = self.np_random.uniform(*SPEED), self.np_random.uniform(*DEPTH)
+        try:
+            place = find_place(
+                self.body.skin, self.part.name, site.segment, u, theta, self.driver.read().joints
+            )
+            self.world.finger.poke(place.patch, place.p_L, place.n_L, speed=speed, depth=depth)
+        # no skin or no room for the finger at that point: the centre of the field is poked instead
+        except TciError:
+            place = find_place(
+                self.body.skin, self.part.name, site.segment, site.u, site.theta, self.driver.read().joints
+            )
+            self.world.finger.poke(place.patch, place.p_L, place.n_L, speed=speed, depth=depth)
+
+    def _look(self) -> Perception:
+        self._reading = self.driver.read()
+        self._seen = self.perceiver.step(self._reading, self.world.time)
+        return self._seen
+
+    def _write(self, orders: list[Any]) -> None:
+        joints = self._reading.joints
+        platform, refused = self.body.to_platform(orders, joints)
+        self.driver.write(self.driver.gate.step(platform, joints, self.world.time, refused=refused))
+
+    def _harm(self, seen: Perception) -> float:
+        """Returns the largest pressure on the arm, divided by `pain`, the pressure that counts as pain."""
+        skin = seen.skin
+        assert skin is not None  # a Perceiver always sets `skin`
+        if not len(skin.pressure):
+            return 0.0
+        begin = skin.begin.tolist()
+        largest = [skin.pressure[begin[p] : begin[p + 1]].max(initial=0.0) for p in self._own]
+        return float(max(largest)) / self.pain
+
+    def _observe(self, seen: Perception, took: float) -> Observation:
+        """Returns the observation. `took` [s] is the time since the previous observation."""
+        posture = seen.posture[self.part.name]
+        velocity = (posture - self._before) / took
+        self._before = posture
+        touch = self._contacts(seen).ravel() if self.touch == "contacts" else self._taxels(seen)
+        values = np.concatenate([posture, velocity, self._task, touch])
+        # One array for all: `np.clip` and a call for each array take several times as long.
+        values = np.minimum(np.maximum(values, self._least), self._most)
+        n = len(posture)
+        felt = values[3 * n :].reshape(self._bounds[self.touch].shape)
+        return {
+            "posture": values[:n],
+            "velocity": values[n : 2 * n],
+            "task": values[2 * n : 3 * n],
+            self.touch: felt,
+        }
+
+    def _contacts(self, seen: Perception) -> Array:
+        rows = np.zeros((CONTACTS, CONTACT))
+        if not len(seen.contacts):
+            return rows
+        own = [c for c in seen.contacts if c.part == self.part.name and c.segment in SEGMENTS]
+        own.sort(key=lambda contact: -contact.force)
+        for row, contact in zip(rows, own, strict=False):
+            sin, cos = math.sin(contact.theta), math.cos(contact.theta)
+            row[:] = (
+                contact.segment == "forearm", contact.u, sin, cos, contact.force, contact.peak,
+                1e4 * contact.area,
+            )  # fmt: skip
+        return rows
+
+    def _taxels(self, seen: Perception) -> Array:
+        skin, surfaces = seen.skin, self.body.skin.surfaces
+        assert skin is not None
+        return np.concatenate(
+            [skin.on(p) * surfaces[name].areas for p, name in zip(self._own, self.patches, strict=True)]
+        )
+
+
+def generic_limits(robot: Robot, part: GenericPart) -> tuple[Array, Array]:
+    """Returns the least and the largest generic angles (n,), (n,) [rad] of a part's joints.
+
+    The limits are -pi and pi for a joint whose transform is not linear, and for a joint that the robot lacks.
+    """
+    low, high = np.full(len(part.servos), -np.pi), np.full(len(part.servos), np.pi)
+    for joint in part.servos:
+        if joint.servo is None or joint.transform != "linear":
+            continue
+        limits = robot.servos[joint.servo].limits
+        if limits.lower is not None and limits.upper is not None:
+            ends = sorted(joint.scale * end + joint.offset for end in (limits.lower, limits.upper))
+            low[joint.id], high[joint.id] = ends
+    return low, high
+
+
+register()

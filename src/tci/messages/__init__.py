@@ -1,0 +1,54 @@
+"""All messages between layers: frozen, with read-only arrays, in SI units and radians.
+
+Data flows one way (docs/architecture.md):
+
+    Reading(JointReading, SkinFrame...)   robot -> interface       raw, in the robot's own order
+    SkinState                             skin                     pressure [Pa] of the active taxels
+    Contacts                              skin/contacts            eq. 7
+    Perception                            interface -> capability  generic posture and contacts
+    GenericCommand, SwitchMode            capability -> interface  generic joints, tagged with its mode
+    PlatformCommand, PlatformSwitch       body/posture             inverse of eqs 1-2, mapped servos only
+    SafeCommand                           gate                     all that a driver writes
+"""
+
+from __future__ import annotations
+
+from tci.messages.commands import (
+    CartesianCommand,
+    Command,
+    GenericCommand,
+    Order,
+    PlatformCommand,
+    PlatformOrder,
+    PlatformSwitch,
+    SwitchMode,
+)
+from tci.messages.contacts import Contact, Contacts, Site
+from tci.messages.modes import CONTROL_MODES, Mode
+from tci.messages.perception import Perception, SkinState, Support
+from tci.messages.places import Landmark, LimbPlace
+from tci.messages.readings import JointReading, Reading, SkinFrame
+
+__all__ = [
+    "CONTROL_MODES",
+    "CartesianCommand",
+    "Command",
+    "Contact",
+    "Contacts",
+    "GenericCommand",
+    "JointReading",
+    "Landmark",
+    "LimbPlace",
+    "Mode",
+    "Order",
+    "Perception",
+    "PlatformCommand",
+    "PlatformOrder",
+    "PlatformSwitch",
+    "Reading",
+    "Site",
+    "SkinFrame",
+    "SkinState",
+    "Support",
+    "SwitchMode",
+]

@@ -1,0 +1,114 @@
+"""What a capability asks for, in generic joints, and what the gate checks, in the robot's own joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import CommandError
+from tci.messages.frames import Array, read_only
+from tci.messages.modes import Mode
+from tci.support.records import quick
+
+
+def _take_mode(command: GenericCommand | SwitchMode | PlatformSwitch | PlatformCommand) -> None:
+    """Replaces the mode's name in a command, such as "position", by the `Mode`. Raises UnknownNameError for
+    an unknown name."""
+    if not isinstance(command.mode, Mode):
+        object.__setattr__(command, "mode", Mode.of(command.mode))
+
+
+@quick
+@dataclass(frozen=True, slots=True, eq=False)
+class GenericCommand:
+    """A capability's command to a generic part."""
+
+    part: str
+    """Name of the generic part."""
+    mode: Mode
+    """Quantity and unit of `values`."""
+    values: Array
+    """One value per generic joint (n,)."""
+
+    def __post_init__(self) -> None:
+        _take_mode(self)
+        if not isinstance(self.values, np.ndarray):
+            try:
+                object.__setattr__(self, "values", read_only(self.values))
+            except (TypeError, ValueError) as error:
+                raise CommandError(f"{self.mode.value} of {self.part}: {error}; valid: numbers") from error
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CartesianCommand:
+    """Target position of a Cartesian actuator: a point of the robot, for example of a hand. TCI computes the
+    target angles of the part's joints, and moves the joints in position mode (§3.1 of the paper)."""
+
+    part: str
+    """Name of the generic part."""
+    target: Array
+    """Target position (3,). For an actuator with the frame `shoulder`, such as `hand` and `elbow`: [arm
+    lengths] from the shoulder, in the arm's mount frame. For other actuators: [m], in the torso frame."""
+    point: str = "hand"
+    """Name of the actuator: `hand` or `elbow` of an arm, or the name of an actuator in the description."""
+    nearest: bool = False
+    """If the target is out of reach: True moves the point to the nearest reachable place, False refuses the
+    command."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SwitchMode:
+    """A capability's request to switch a generic part to another control mode. Other commands never switch
+    modes."""
+
+    part: str
+    """Name of the generic part."""
+    mode: Mode
+    """Requested mode: position, velocity, torque or impedance."""
+
+    def __post_init__(self) -> None:
+        _take_mode(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlatformSwitch:
+    """A request to switch the robot's own servos to another control mode."""
+
+    servos: NDArray[np.intp]
+    """Indices (k,) into `Robot.servos`."""
+    mode: Mode
+    """Requested mode: position, velocity, torque or impedance."""
+
+    def __post_init__(self) -> None:
+        _take_mode(self)
+
+
+@quick
+@dataclass(frozen=True, slots=True, eq=False)
+class PlatformCommand:
+    """A command to servos, in the robot's own joint angles. If it was converted from generic joints, it
+    contains only servos that move these joints."""
+
+    mode: Mode
+    """Quantity and unit of `values`."""
+    servos: NDArray[np.intp]
+    """Indices (k,) into `Robot.servos`."""
+    values: Array
+    """One value per servo (k,), in the unit of the mode."""
+    speed: Array
+    """Upper bound (k,) [rad/s] of each servo's speed. The gate also applies the speed limit of the servo
+    itself."""
+
+    def __post_init__(self) -> None:
+        _take_mode(self)
+
+
+Command = GenericCommand | CartesianCommand | SwitchMode
+"""Types of command that a capability may return."""
+PlatformOrder = PlatformCommand | PlatformSwitch
+"""Types of order that the gate checks: commands in the robot's own joints, and requests to switch their
+control mode."""
+Order = Command | PlatformOrder
+"""Types of order that a capability, or another program through a server, may give."""

@@ -1,0 +1,1 @@
+"""What several wires use: DDS, sockets of a process, a gate for connections that reach only some joints."""

@@ -10,8 +10,6 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from tci.learn.registration import register_when_imported as _register_when_imported
-
 if TYPE_CHECKING:
     from tci.body.generic_body import BodySettings as BodySettings
     from tci.body.generic_body import GenericBody as GenericBody
@@ -60,11 +58,6 @@ if TYPE_CHECKING:
     from tci.gestures.files import read_csv as read_csv
     from tci.gestures.gesture import Gesture as Gesture
     from tci.gestures.gesture import fit as fit
-    from tci.lab.commissioning.doctor import judge as judge
-    from tci.lab.commissioning.streams import observe as observe
-    from tci.lab.experiments.follow import follow as follow
-    from tci.lab.pictures.pressure_png import write_png as write_png
-    from tci.learn.simulate import simulate as simulate
     from tci.messages import CartesianCommand as CartesianCommand
     from tci.messages import Contact as Contact
     from tci.messages import Contacts as Contacts
@@ -145,8 +138,6 @@ _NAMES = {
         "MonotonicClock",
         "ticks",
     ),
-    "tci.lab.commissioning.doctor": ("judge",),
-    "tci.lab.commissioning.streams": ("observe",),
     "tci.drivers.driver": ("Driver",),
     "tci.drivers.info": ("DriverInfo",),
     "tci.drivers.registry": (
@@ -167,7 +158,6 @@ _NAMES = {
         "UnknownNameError",
         "WireError",
     ),
-    "tci.lab.experiments.follow": ("follow",),
     "tci.exports.facts": ("query",),
     "tci.exports.urdf": ("to_urdf",),
     "tci.gate.gate": (
@@ -179,7 +169,6 @@ _NAMES = {
         "Gesture",
         "fit",
     ),
-    "tci.learn.simulate": ("simulate",),
     "tci.messages": (
         "CartesianCommand",
         "Contact",
@@ -198,7 +187,6 @@ _NAMES = {
         "Support",
         "SwitchMode",
     ),
-    "tci.lab.pictures.pressure_png": ("write_png",),
     "tci.reasons": (
         "Code",
         "Notice",
@@ -244,6 +232,3 @@ def __dir__() -> list[str]:
     list."""
     absent = {module for module, package in _EXTRAS.items() if find_spec(package) is None}
     return sorted([*(name for name, module in _HOME.items() if module not in absent), "__version__"])
-
-
-_register_when_imported()

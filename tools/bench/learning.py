@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from measured import Measured, row
 
-import tci.learn.withdrawal_env  # noqa: F401 - registers it
+import tci.learn  # noqa: F401 - registers it
 
 EPISODES = 6
 LEAST = 2500.0
@@ -22,7 +22,7 @@ def learning() -> list[Measured]:
 
 
 def _with_rate(rate: float, **target: float) -> Measured:
-    environment = gymnasium.make("tci/Withdrawal-v0", rate=rate)
+    environment = gymnasium.make("tci.learn:tci/Withdrawal-v0", rate=rate)
     environment.action_space.seed(0)
     pairs, touched, steps = [], 0, 0
     for seed in range(EPISODES + 1):

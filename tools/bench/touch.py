@@ -19,6 +19,7 @@ from lxml import etree
 from measured import ROUNDS, Measured, each, row
 
 import tci
+import tci.lab
 from tci.lab.authoring.dense_skin import with_dense_skin, with_skin_rate
 from tci.messages import Command, GenericCommand, Mode, Perception
 from tci.messages.frames import Array
@@ -253,7 +254,7 @@ def worlds() -> list[Measured]:
         fast, slow = (
             statistics.median(
                 run.simulated / run.took
-                for run in tci.simulate("nao", worlds=8 * cores, cores=cores, duration=SPAN)
+                for run in tci.lab.simulate("nao", worlds=8 * cores, cores=cores, duration=SPAN)
                 if run.world >= cores
             )
             for cores in (2, 1)

@@ -1,5 +1,16 @@
-"""Simulated robots for learning: an environment for Gymnasium, and runs of many worlds.
+"""Environments for learning (extra `gym`).
 
-The environment pokes one arm at random points; harm, effort and distance from the task posture reduce the
-reward. The environment uses the same perception and the same gate as a real robot.
+Importing this package registers them with Gymnasium: `gymnasium.make("tci.learn:tci/Withdrawal-v0")`.
 """
+
+from __future__ import annotations
+
+from tci.support.installed import needs
+
+with needs("the environment tci/Withdrawal-v0", "gym"):
+    import gymnasium
+
+NAME = "tci/Withdrawal-v0"
+"""Name of the environment in Gymnasium's registry."""
+
+gymnasium.register(id=NAME, entry_point=f"{__name__}.withdrawal_env:WithdrawalEnv")

@@ -8,7 +8,8 @@ reward.
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from collections.abc import Callable
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +20,7 @@ from tci.body.places import find_place
 from tci.capabilities.fields import default_fields
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
-from tci.lab.pictures.camera import look_at
-from tci.lab.pictures.portrait import Portrait, keep_moment
-from tci.learn.registration import register
-from tci.messages import GenericCommand, Mode, Perception, SwitchMode
+from tci.messages import GenericCommand, Mode, Perception, Reading, SwitchMode
 from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.robot.description import GenericPart, Robot
@@ -33,6 +31,7 @@ from tci.support.installed import needs
 with needs("the environment tci/Withdrawal-v0", "gym"):
     import gymnasium
     from gymnasium import spaces
+    from gymnasium.envs.registration import load_env_creator
 
 CONTACTS = 4
 """Number of contacts in an observation. The strongest contact is the first."""
@@ -54,7 +53,20 @@ drawn for each poke. Assumed: the ranges include light and painful touches."""
 FORCE = 100.0
 """Largest value of a force [N], and also of an area [cm2], in an observation. Larger values are clipped."""
 
+CAMERA = "tci.lab.pictures.portrait:world_camera"
+"""Camera of the environment, named as Gymnasium names an environment: the pictures are a tool above this
+package."""
+
 Observation = dict[str, NDArray[np.float64]]
+
+
+class Camera(Protocol):
+    """Makes the pictures of one world."""
+
+    def __call__(self, world: World, *, full_scale: float) -> Callable[[Reading], NDArray[np.uint8]]:
+        """Returns a function from a reading to the picture (height, width, 3) of the world at that instant.
+        `full_scale` [Pa] is the pressure with the last colour."""
+        ...
 
 
 class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
@@ -91,15 +103,17 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         noise: float = 0.0,
         pain: float = PAIN,
         render_mode: str | None = None,
+        camera: str | Camera = CAMERA,
     ) -> None:
         """Creates the environment.
 
         `robot` is the name or description of a robot, and `part` an arm with skin. `period` [s] is the length
         of one step, `rate` [Hz] the rate of commands to the robot, `step` [s] the step of the physics
-        simulation, and `noise` [counts] the noise of the skin. The default rate is the frame rate of NAO's
-        arm skin, since a new touch can't be detected between two frames. Raises TciError for an unknown
-        `mode`, `touch` or `render_mode`, for a part without skin, for an invalid number, and for a robot that
-        can't be simulated.
+        simulation, and `noise` [counts] the noise of the skin. `camera` makes the pictures of `render`: a
+        `Camera`, or its place as `module:name`, which is loaded when pictures are asked for. The default rate
+        is the frame rate of NAO's arm skin, since a new touch can't be detected between two frames. Raises
+        TciError for an unknown `mode`, `touch` or `render_mode`, for a part without skin, for an invalid
+        number, and for a robot that can't be simulated.
         """
         modes = {m.value: m for m in (Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE)}
         if mode not in modes:
@@ -121,6 +135,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             raise TciError(f"{self.robot.name} has no arm {part} with skin; valid: {valid}")
         self._own = [number for number, one in enumerate(self.robot.patches) if one.name in self.patches]
         self.render_mode = render_mode
+        self._camera = camera
         self.metadata = {**self.metadata, "render_fps": round(1.0 / period)}
         self.mode, self.touch, self.period, self.duration, self.pain = (
             modes[mode],
@@ -133,7 +148,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         self._rate = rate
         self.world = World(self.robot, step=step, noise=noise, period=1.0 / rate)
         self._sites = default_fields()
-        self._portrait: Portrait | None = None
+        self._picture: Callable[[Reading], NDArray[np.uint8]] | None = None
         low, high = generic_limits(self.robot, self.part)
         if self.mode is Mode.VELOCITY:
             fastest = np.array([servo.speed or np.pi for servo in self.part.servos])
@@ -207,12 +222,10 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         """Returns a picture (240, 320, 3) of the world, or None if `render_mode` is None."""
         if self.render_mode is None:
             return None
-        if self._portrait is None:
-            self._portrait = Portrait(self.world, (), full_scale=self.pain)
-        moment = keep_moment(self.world, self.driver.read())
-        torso = self._portrait.torso(moment)[:3, 3]
-        camera = look_at(torso, azimuth=0.6, elevation=0.2, distance=1.4, width=320, height=240)
-        return self._portrait.draw(moment, camera)
+        if self._picture is None:
+            make: Any = load_env_creator(self._camera) if isinstance(self._camera, str) else self._camera
+            self._picture = make(self.world, full_scale=self.pain)
+        return self._picture(self.driver.read())
 
     def close(self) -> None:
         """Does nothing, because the world uses no resources except memory."""
@@ -310,6 +323,3 @@ def generic_limits(robot: Robot, part: GenericPart) -> tuple[Array, Array]:
             ends = sorted(joint.scale * end + joint.offset for end in (limits.lower, limits.upper))
             low[joint.id], high[joint.id] = ends
     return low, high
-
-
-register()

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import tci
+import tci.lab
 from drivers.patient import patient
 from drivers.yarp.show import Show, until
 from tci.drivers.diagnosis import Level
@@ -89,7 +90,7 @@ def test_doctor_judges_as_the_driver_does(show: Show) -> None:
     probed = YarpDriver.probe(robot, where(show))
     with YarpDriver(robot, where(show)) as driver:
         found = driver.diagnose()
-        judged = tci.judge(driver, tci.observe(driver, 0.3))
+        judged = tci.lab.judge(driver, tci.lab.observe(driver, 0.3))
         assert not any("switch them on" in finding.advice for finding in judged)
     for findings in (probed, found):
         assert {finding.level for finding in findings} <= {Level.OK, Level.NOTE}

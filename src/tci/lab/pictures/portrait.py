@@ -3,13 +3,13 @@ finger."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.lab.pictures.camera import Camera
+from tci.lab.pictures.camera import Camera, look_at
 from tci.lab.pictures.paint import SKIN_COLOUR, FieldLook, FieldPaint, TaxelPaint
 from tci.lab.pictures.render import Painter, model_colours, render
 from tci.messages import Reading
@@ -44,6 +44,20 @@ def keep_moment(world: World, reading: Reading) -> Moment:
     """Copies the current state of a world. The copy has no effect on the world's simulation."""
     time, data = world.moment()
     return Moment(time, reading, data)
+
+
+def world_camera(world: World, *, full_scale: float) -> Callable[[Reading], NDArray[np.uint8]]:
+    """The camera of the learning environment: 320 x 240 pixels, in front of the torso. `full_scale` [Pa] is
+    the pressure that has the last colour."""
+    portrait = Portrait(world, (), full_scale=full_scale)
+
+    def picture(reading: Reading) -> NDArray[np.uint8]:
+        moment = keep_moment(world, reading)
+        torso = portrait.torso(moment)[:3, 3]
+        view = look_at(torso, azimuth=0.6, elevation=0.2, distance=1.4, width=320, height=240)
+        return portrait.draw(moment, view)
+
+    return picture
 
 
 class Portrait:

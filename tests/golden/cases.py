@@ -25,14 +25,17 @@ import numpy as np
 
 import tci
 from faults.rehearsal import Sway
+from tci.body.generic_body import GenericBody
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.cli.session import poke_forearm
 from tci.drivers.driver import Driver
 from tci.drivers.replay import ReplayDriver
 from tci.drivers.simulated import SimulatedDriver
+from tci.gestures.gesture import Fitted, Gesture
 from tci.lab.faults.fault_injector import FaultInjector, FaultPlan
 from tci.lab.faults.injectors import INJECTORS
-from tci.messages import Mode
+from tci.lab.viewer.steered import Steered
+from tci.messages import GenericCommand, Mode, Perception
 from tci.recording.compact import compact
 from tci.recording.recorder import Recorder
 from tci.robot.catalogue import load_robot
@@ -50,6 +53,40 @@ instead of numbers, which format 1 can't contain."""
 def paper() -> tci.WithdrawalReflex:
     """Returns the reflex of the paper, which uses the force of equation 7."""
     return tci.WithdrawalReflex(fields=tci.default_fields(measure="weighted"))
+
+
+def gesture() -> tci.PlayGesture:
+    """An arm that swings, and a reflex that interrupts it. Not fitted, since a fit rounds too."""
+    times = np.linspace(0.0, 0.8, 17)
+    swing = np.outer(np.sin(np.pi * times / 0.8), [0.3, 0.0, 0.0, 0.2, 0.0])
+    arm = Gesture(times, {"left_arm": np.deg2rad([25.0, 25.0, 0.0, 60.0, 0.0]) + swing})
+    return tci.PlayGesture(Fitted(arm, arm, 1.0, {}, ()), tci.WithdrawalReflex(refractory=0.2))
+
+
+def tree() -> tci.Capability[Any]:
+    """A reflex above a task on the same arms."""
+    from py_trees.composites import Selector
+
+    reflex, sway = tci.WithdrawalReflex(refractory=0.2), Sway()
+
+    def root() -> Selector:
+        task = tci.Task("sway", sway, done=lambda memory, perception: False)
+        return Selector("robot", memory=False, children=[tci.Reflex("withdraw", reflex), task])
+
+    return tci.BehaviourTree(root)
+
+
+class Turned(Steered):
+    """A person turns the head, as with the viewer, while the inner reflex withdraws an arm."""
+
+    def step(self, memory: Any, perception: Perception, body: GenericBody) -> tuple[tuple[Any, ...], Any]:
+        if 0.1 <= perception.stamp < 0.11:
+            self.orders.put(GenericCommand("head", Mode.POSITION, np.array([0.2, 0.0, 0.1])))
+        return super().step(memory, perception, body)
+
+
+def poke_palm(driver: SimulatedDriver) -> None:
+    driver.world.finger.poke("left_palm", 13, speed=0.2, depth=0.003)
 
 
 def poke_head(driver: SimulatedDriver) -> None:
@@ -73,6 +110,8 @@ class Case:
     """Noise [counts] on all raw values, which are then sent as float64."""
     fault: str = ""
     """Name of the injector that starts at `AT`; empty for none."""
+    ends: float = np.inf
+    """Time [s] at which the finger is taken away."""
 
 
 CASES: dict[str, Case] = {
@@ -82,6 +121,17 @@ CASES: dict[str, Case] = {
     "icub-total": Case("icub/robot.xml", tci.WithdrawalReflex),
     "body": Case("icub/whole.xml", BodyWithdrawal, poke_head, duration=0.6),
     "events": Case("nao/robot.xml", keep_alive=0.1),
+    "soft-velocity": Case("nao/robot.xml", tci.SoftReaction, duration=0.5, ends=0.35),
+    "soft-torque": Case("icub/robot.xml", lambda: tci.SoftReaction(mode="torque"), duration=0.4),
+    "grasp": Case(
+        "nao-hands/hands.xml", lambda: tci.LightGrasp(quiet=0.15), poke_palm, duration=0.6, ends=0.3
+    ),
+    "contact-stop": Case(
+        "nao/robot.xml", lambda: tci.ContactStop(Sway(), quiet=0.15), duration=0.6, ends=0.3
+    ),
+    "gesture": Case("nao/robot.xml", gesture, duration=1.3, ends=0.4),
+    "tree": Case("nao/robot.xml", tree, duration=0.8, ends=0.35),
+    "steered": Case("nao/robot.xml", lambda: Turned(tci.WithdrawalReflex()), duration=0.4),
     "three-axes": Case("nao/three_axes.xml"),
     "flicker": Case("nao/robot.xml", flicker=1.0, duration=0.8),
     **{
@@ -127,6 +177,8 @@ def record(name: str) -> None:
 
             def see(tick: Tick) -> None:
                 ticks.append(tick)
+                if tick.now >= case.ends:
+                    simulated.world.finger.retire()
                 recorder.tick(tick.now, tick.reading, tick.commands, tick.sent)
 
             run(driver, case.capability(), duration=case.duration, observe=see)

@@ -67,7 +67,7 @@ fuzz: dev-env  ## all that reads foreign bytes: coverage-guided (TCI_SECONDS eac
 	@for target in $$($(VENV)/python tools/reliability/fuzz.py); do echo "== $$target"; \
 	  $(VENV)/python tools/reliability/fuzz.py $$target $${TCI_SECONDS:-20} || exit 1; done
 	@TCI_FUZZ=$${TCI_FUZZ:-20000} TCI_FUZZ_WIRE=$${TCI_FUZZ_WIRE:-1000000} $(VENV)/python -m pytest -q \
-	  tests/robot/test_xml.py tests/yarpwire tests/drivers/yarp tests/drivers/test_player.py tests/drivers/test_lcm.py \
+	  tests/robot/test_xml.py tests/yarpwire tests/wires/yarp tests/wires/player/test_player.py tests/wires/lcm/test_lcm.py \
 	  tests/drivers/test_remote_cdr.py -k "damaged or mutated or spoilt"
 
 reliability: dev-env  ## the scoreboard of docs/reliability.md (FULL=1: full size); writes reliability.json

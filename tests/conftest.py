@@ -11,29 +11,29 @@ from pathlib import Path
 import hypothesis
 import pytest
 
-from made_recordings import write_recordings
-from made_skins import write_skins
-from skin_data import SkinData
-
-TESTS = Path(__file__).parent
+from helpers import TESTS
+from helpers.made_recordings import write_recordings
+from helpers.made_skins import write_skins
+from helpers.skin_data import SkinData
 
 LIVE = [
     "cli",
-    "commissioning",
     "drivers",
     "exports/test_facts.py",
-    "faults/test_processes.py",
     "recording/test_recorder.py",
     "runtime",
     "test_examples.py",
-    "experiments/test_remote_trial.py",
-    "viewer",
+    "lab/commissioning",
+    "lab/experiments/test_remote_trial.py",
+    "lab/faults/test_processes.py",
+    "lab/viewer",
+    "wires",
     "yarpwire",
 ]
 """Folders and files of live tests, which use other processes in real time. On a busy machine the gate
 correctly holds the robot, so only few of these tests run at the same time."""
 
-FIRST = ["test_wheel.py", "viewer"]
+FIRST = ["test_wheel.py", "lab/viewer"]
 """Longest groups of each half of `make test`. They start first, because at the end of the run the other
 processors would wait for them."""
 
@@ -50,7 +50,7 @@ def pytest_configure(config: pytest.Config) -> None:
     data = config.getoption("--data")
     if data is not None and not (data / "recordings").is_dir():
         raise pytest.UsageError(
-            f"--data {data} has no folder `recordings`; valid: a folder as tests/skin_data.py says"
+            f"--data {data} has no folder `recordings`; valid: a folder as tests/helpers/skin_data.py says"
         )
 
 

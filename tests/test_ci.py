@@ -11,10 +11,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from peers import needs_program
+from helpers import ROOT, TESTS
+from helpers.peers import needs_program
 
-ROOT = Path(__file__).parent.parent
-CONFTEST = str(Path(__file__).with_name("conftest.py"))
+CONFTEST = str(TESTS / "conftest.py")
 MAKE = """#!/bin/sh
 test "$3" = clean && exec /bin/rm -rf "$2/.venv"
 cd "$2" && echo "make $3 $4: $(ls -A | tr '\\n' ' ')"
@@ -109,6 +109,6 @@ def test_each_file_is_in_one_half(pytestconfig: pytest.Config) -> None:
                 found.append(half)
         return found
 
-    for file in Path(__file__).parent.rglob("test_*.py"):
+    for file in TESTS.rglob("test_*.py"):
         assert halves(file) == ["live" if conftest.is_live(file) else "not live"]
-    assert halves(Path(__file__).parent / "drivers") == ["live", "not live"]
+    assert halves(TESTS / "drivers") == ["live", "not live"]

@@ -13,10 +13,11 @@ import pytest
 import typer
 
 import tci
+from helpers import ROOT
 from tci.cli.main import app
 from test_examples import words_of
 
-DOCS = Path(__file__).parent.parent / "docs"
+DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
 
 

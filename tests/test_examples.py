@@ -11,8 +11,10 @@ from pathlib import Path
 
 import pytest
 
-README = (Path(__file__).parent.parent / "README.md").read_text()
-EXAMPLES = sorted((Path(__file__).parent.parent / "examples").glob("*.py"))
+from helpers import ROOT
+
+README = (ROOT / "README.md").read_text()
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
 
 SAID = {

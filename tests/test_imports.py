@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 import tci
+from helpers import ROOT
 from tci import errors
 from tci.cli.main import app
 
@@ -66,7 +67,6 @@ def test_without_an_extra_introspection_works_and_an_import_names_the_extra() ->
     assert "pip install" in said
 
 
-ROOT = Path(__file__).parent.parent
 PAGES = [*ROOT.glob("docs/*.md"), ROOT / "README.md"]
 DEEP = re.compile(r"^\s*(?:from tci\.|import tci\.)(?!lab$|lab ).*$", re.MULTILINE)
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from helpers import ROOT
+
 FOLDERS_OF_TCI = sorted(path.parent.name for path in (ROOT / "src" / "tci").glob("*/__init__.py"))
 FOLDERS = ("src", "tests", "tools", "examples", "packages")
 OPENING = r"(What|Where|When|Which|Who|Whether|How|Why|Of|The same)\b"

@@ -16,7 +16,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
+from helpers import HELPERS, ROOT
+
 OURS = ("tci", "tactile", "icub")
 """Words in the names of packages that are not linked into the new environment."""
 
@@ -111,4 +112,4 @@ def test_yarpwire_is_a_package_of_its_own_with_the_same_files(wheel: Path, tmp_p
     python, there = bare(tmp_path / "venv", lambda name: name.startswith(("numpy", "pip")))
     install(python, alone)
     assert not (there / "tci").exists()
-    assert run(python, ROOT / "tests" / "yarpwire" / "five_lines.py").stdout == "[240.  17.]\n"
+    assert run(python, HELPERS / "yarpwire_five_lines.py").stdout == "[240.  17.]\n"

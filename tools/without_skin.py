@@ -11,8 +11,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from joint_touch.bare import FOREARM, UPPER_ARM, bare_body
-from joint_touch.trials import NEWTON, pushed
+from helpers.bare_body import FOREARM, UPPER_ARM, bare_body
+from helpers.push_trials import NEWTON, pushed
 from tci.messages.frames import Array
 
 PUSHES = 24

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from capabilities.touches import touch
+from helpers.touches import touch
 from tci.body.generic_body import GenericBody
 from tci.errors import TciError
 from tci.messages import Contact, Landmark, Site

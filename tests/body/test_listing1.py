@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gate.gate_checks import Driven, make_robot, position_command
+from helpers.gate_checks import Driven, make_robot, position_command
 from tci.body.posture import to_platform
 from tci.errors import CommandError
 from tci.lab.experiments.same_stimulus import initial_joints

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import tci
-from capabilities.touches import body_that
+from helpers.touches import body_that
 from tci import messages
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.contact_stop import ContactStop

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gate.gate_checks import make_robot, reading
+from helpers.gate_checks import make_robot, reading
 from tci.body.posture import home, to_platform
 from tci.errors import CommandError, FrameError, UnknownNameError
 from tci.messages import GenericCommand, Mode

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 import tci
-from pressing import with_pad
+from helpers.pressing import with_pad
 from tci.body.generic_body import GenericBody
 from tci.body.retreat import OBJECT
 from tci.messages import Mode

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gate.gate_checks import Driven
+from helpers.gate_checks import Driven
 from tci.body.posture import speed_limits, to_platform
 from tci.body.retarget import angle_between
 from tci.errors import CommandError

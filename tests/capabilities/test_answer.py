@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capabilities.touches import one_field, touch
+from helpers.touches import one_field, touch
 from tci.capabilities.discounts import phi, psi, psi_cosine
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.messages import Contact

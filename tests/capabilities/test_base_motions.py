@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from capabilities.ideal_arm import COMMON_RANGE, ICUB, INITIAL, NAO, IdealArm
+from helpers.ideal_arm import COMMON_RANGE, ICUB, INITIAL, NAO, IdealArm
 from tci.capabilities.fields import ReceptiveField, default_fields
 from tci.messages.frames import Array, angle_between
 from tci.robot.generic_arm import JOINTS, Side

@@ -12,7 +12,7 @@ from py_trees.common import ParallelPolicy, Status
 from py_trees.composites import Parallel, Selector, Sequence
 
 import tci
-from capabilities.touches import BODY
+from helpers.touches import BODY
 from tci.body.generic_body import GenericBody
 from tci.capabilities.behaviour_tree import BehaviourTree, Reflex, Task
 from tci.capabilities.capability import Capability

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capabilities.touches import BODY, away, body_that, touch
+from helpers.touches import BODY, away, body_that, touch
 from tci.body.generic_body import GenericBody
 from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
 from tci.capabilities.fields import BODY_JOINTS, BodyFields, default_body_fields, load_body_fields

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from capabilities.touches import BODY, POSTURE, see, touch
+from helpers.touches import BODY, POSTURE, see, touch
 from tci.body.generic_body import GenericBody
 from tci.body.places import find_place
 from tci.capabilities.capability import Capability

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from capabilities.touches import one_field
+from helpers.touches import one_field
 from tci.capabilities.fields import default_fields, load_fields
 from tci.errors import DescriptionError
 from tci.skin.contacts import Measure

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import made_hands
 import tci
-from made_hands import with_hands
-from made_humanoid import MadeHumanoid
-from pressing import RISE, press
+from helpers import made_hands
+from helpers.made_hands import with_hands
+from helpers.made_humanoid import MadeHumanoid
+from helpers.pressing import RISE, press
 from tci.capabilities.light_grasp import Grips, LightGrasp
 from tci.errors import TciError
 from tci.lab.authoring.proposal import propose

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from capabilities.touches import BODY, POSTURE, body_that, one_field, poke, see
+from helpers.touches import BODY, POSTURE, body_that, one_field, poke, see
 from tci.body.generic_body import GenericBody
 from tci.capabilities.soft_reaction import SoftReaction
 from tci.capabilities.withdrawal import WithdrawalReflex

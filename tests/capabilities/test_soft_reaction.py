@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from capabilities.touches import BOTH_ARMS, away, body_that, see, touch
+from helpers.touches import BOTH_ARMS, away, body_that, see, touch
 from tci.body.generic_body import GenericBody
 from tci.body.posture import to_platform
 from tci.capabilities.fields import default_fields

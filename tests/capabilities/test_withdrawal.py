@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capabilities.touches import BODY, BOTH_ARMS, POSTURE, one_field, poke, see, touch
+from helpers.touches import BODY, BOTH_ARMS, POSTURE, one_field, poke, see, touch
 from tci.body.posture import to_platform
 from tci.capabilities.fields import ReceptiveField, default_fields
 from tci.capabilities.withdrawal import WithdrawalMemory, WithdrawalReflex

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from capabilities.touches import BODY, body_that, see
+from helpers.touches import BODY, body_that, see
 from tci.body.generic_body import GenericBody
 from tci.capabilities.behaviour_tree import BehaviourTree, Reflex
 from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal

@@ -19,7 +19,6 @@ from tci.exports.facts import query, read_facts
 from tci.lab.experiments.same_touch import SameTouch
 from tci.robot.catalogue import load_robot
 
-ROOT = Path(__file__).parent.parent.parent
 LISTING = """<generic_robot angle_unit="deg">
   <generic_robot_part name="icub_head">
     <generic_servo id="0"><destination_servo_id>0</destination_servo_id></generic_servo>

@@ -14,7 +14,7 @@ import typer
 from typer.testing import CliRunner
 
 from cli.test_cli import tci
-from recording.recorded import LIKE_LISTING_2
+from helpers.recorded import LIKE_LISTING_2
 from tci import GenericBody, cli, load_robot
 from tci.cli.check import check
 from tci.cli.guide import FIRST, NEXT

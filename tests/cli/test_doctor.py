@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from cli.test_cli import tci
-from drivers.served import Served, needs_qi
+from helpers.served import Served, needs_qi
 
 
 def test_this_machine() -> None:

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
+from helpers import HELPERS, ROOT
 from tci.cli.demo import demo
 from tci.drivers.registry import driver_names
 from tci.errors import TciError
 from tci.robot.generic_arm import JOINTS
 from tci.support.installed import advice
 
-ROOT = Path(__file__).parents[2]
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
 HIDDEN = (
     "qi", "cyclonedds", "rosbags", "roslibpy", "pyarrow", "viser", "av", "py_trees", "lcm", "zenoh",
@@ -98,7 +98,7 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[object, st
     (folder / "a.dae").touch()
     words = [RECORD, SERVE, DOCTOR, *CASES]
     done = subprocess.run(
-        [sys.executable, str(Path(__file__).with_name("bare.py")), ",".join(HIDDEN)],
+        [sys.executable, str(HELPERS / "bare_install.py"), ",".join(HIDDEN)],
         input=json.dumps([command.split() for command in words]), capture_output=True, text=True, check=False,
         cwd=folder, env={**os.environ, "COLUMNS": "500"},
     )  # fmt: skip

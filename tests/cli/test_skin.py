@@ -11,8 +11,8 @@ import pytest
 from matplotlib.image import imread
 from typer.testing import CliRunner
 
-from made_skins import LENGTH, RIPPLE, SKINS
-from skin_data import SkinData, cone_file
+from helpers.made_skins import LENGTH, RIPPLE, SKINS
+from helpers.skin_data import SkinData, cone_file
 from tci.cli.main import app
 from tci.errors import CommandError, DescriptionError, TciError
 from tci.lab.authoring.skin_map import best_cone, skin_cone, unroll

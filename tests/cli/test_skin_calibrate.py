@@ -13,7 +13,7 @@ from lxml import etree
 from typer.testing import CliRunner
 
 import tci.robot
-from felt_skin import FeltSkin
+from helpers.felt_skin import FeltSkin
 from tci.cli.main import app
 from tci.cli.session import recorder_for
 from tci.drivers.simulated import SimulatedDriver

@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from skin_data import SkinData
+from helpers.skin_data import SkinData
 from tci.cli import skin_check
 from tci.cli.main import app
 from tci.lab.authoring.check_skin import check_skins

@@ -13,7 +13,7 @@ from pathlib import Path
 from matplotlib.image import imread
 
 from cli.test_cli import tci
-from recording.recorded import record_poke
+from helpers.recorded import record_poke
 
 
 def opened(*words: str) -> tuple[subprocess.Popen[str], str, str]:

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from drivers.naoqi.still_nao import StillNao
-from drivers.served import Served
+from helpers.served import Served
+from helpers.still_nao import StillNao
 from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.withdrawal import WithdrawalReflex

@@ -15,9 +15,9 @@ import numpy as np
 import psutil
 import pytest
 
-from drivers.held import left_behind
-from drivers.patient import PATIENCE as SILENCE
-from drivers.wires import BINDINGS, PEERS, Peer
+from helpers.held import left_behind
+from helpers.patient import PATIENCE as SILENCE
+from helpers.wire_peers import BINDINGS, PEERS, Peer
 from tci.body.generic_body import GenericBody
 from tci.body.posture import home, to_platform
 from tci.capabilities.capability import Capability

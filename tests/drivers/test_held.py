@@ -8,7 +8,7 @@ import socket
 import threading
 
 import tci
-from drivers.held import left_behind
+from helpers.held import left_behind
 from tci.drivers.driver import Driver
 from tci.drivers.simulated import SimulatedDriver
 

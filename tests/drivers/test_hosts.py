@@ -7,8 +7,8 @@ import socket
 import pytest
 
 import tci
-from drivers.player_exchange import RecordedServer
-from drivers.rosbridge_exchange import narrow
+from helpers.player_exchange import RecordedServer
+from helpers.rosbridge_exchange import narrow
 from tci.drivers.lease import lease
 from tci.drivers.remote.hosts import numeric
 from tci.errors import DriverError

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from mcap.writer import Writer
 
-from recording.recorded import equal_readings, record_poke
+from helpers.recorded import equal_readings, record_poke
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.drivers.registry import connect
 from tci.drivers.replay import ReplayDriver, changed_versions

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import tci
 from drivers import test_driver
-from drivers.wires import PEERS
+from helpers import ROOT
+from helpers.wire_peers import PEERS
 
-TABLES = Path(__file__).parents[2] / "docs" / "tables"
+TABLES = ROOT / "docs" / "tables"
 WIRES = [name for name in PEERS if name != "sim"]
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gate.gate_checks import Driven, make_robot, position_command
+from helpers.gate_checks import Driven, make_robot, position_command
 from tci.drivers.remote.whole_parts import WholeParts
 from tci.errors import DriverError
 from tci.messages import Mode, PlatformCommand

@@ -6,13 +6,13 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Iterator
 from dataclasses import fields
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import tci
+from helpers import ROOT
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver, NativePart
 from tci.drivers.info import DriverInfo
@@ -26,7 +26,6 @@ FOUND = (Finding(Level.NOTE, "dialect", "4.0"),)
 CLASSMETHODS = {"load_library", "probe"}
 """Members of a driver class that are called before a driver exists."""
 BASES = {"Driver", "RemoteDriver", "RosDriver", "SimulatedDriver", "DriverWrapper"}
-ROOT = Path(__file__).parents[2]
 
 
 class Told(Driver):

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import small_robot
-from robot.moving import ENDS, random_postures, robot_and_kinematics
+from helpers import small_robot
+from helpers.moving import ENDS, random_postures, robot_and_kinematics
 from tci.errors import CommandError, UnknownNameError
 from tci.exports.denavit_hartenberg import Convention, denavit_hartenberg
 from tci.robot.description import Model, Robot, Servo

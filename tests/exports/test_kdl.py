@@ -12,14 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from peers import debian_python, needs_debian_module
-from robot.moving import random_postures, robot_and_kinematics
+from helpers import ROOT
+from helpers.moving import random_postures, robot_and_kinematics
+from helpers.peers import debian_python, needs_debian_module
 from tci.exports.chain import ChainSegment
 from tci.exports.facts import query
 from tci.robot.inverse import InverseKinematics
 
 COUNT = 200
-PAGE = Path(__file__).parents[2] / "docs" / "kinematics.md"
+PAGE = ROOT / "docs" / "kinematics.md"
 KDL = """
 import json, sys
 import PyKDL as kdl

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from peers import needs_pinocchio
+from helpers.peers import needs_pinocchio
 from tci.errors import DescriptionError
 from tci.exports.chain import ChainSegment, chain_to
 from tci.exports.facts import query

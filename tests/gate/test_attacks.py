@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from gate.gate_checks import LIMITS, PERIOD, Driven, make_robot, position_command, reading
-from gate.hostile import CYCLE, Attack
+from helpers.gate_checks import LIMITS, PERIOD, Driven, make_robot, position_command, reading
+from helpers.hostile_commands import CYCLE, Attack
 from tci.errors import CommandError
 from tci.gate.gate import Gate, GateState
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch

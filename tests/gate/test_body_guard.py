@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gate.gate_checks import PERIOD, Driven, position_command, reading
+from helpers.gate_checks import PERIOD, Driven, position_command, reading
 from tci.errors import CommandError
 from tci.gate.body_guard import LOOKS, BodyGuard
 from tci.gate.gate import Gate

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gate.gate_checks import (
+from helpers.gate_checks import (
     LIMITS,
     PERIOD,
     Driven,

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gate.gate_checks import LIMITS, make_robot
+from helpers.gate_checks import LIMITS, make_robot
 from tci.errors import CommandError
 from tci.gate.joint_group import groups_of, make_chain
 from tci.reasons import Code

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gate.gate_checks import make_robot
+from helpers.gate_checks import make_robot
 from tci.errors import TciError
 from tci.gate.joint_monitor import JointMonitor, MonitorSettings, Reference
 from tci.messages import JointReading, Mode

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gate.gate_checks import LIMITS, PERIOD, Driven, make_robot, position_command, reading
+from helpers.gate_checks import LIMITS, PERIOD, Driven, make_robot, position_command, reading
 from tci.gate.bounds import MARGIN
 from tci.gate.commanded_groups import CommandedGroups
 from tci.gate.gate import Gate, GateSettings, GateState

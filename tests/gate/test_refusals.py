@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gate.gate_checks import LIMITS, PERIOD, Driven, make_robot, position_command, reading
+from helpers.gate_checks import LIMITS, PERIOD, Driven, make_robot, position_command, reading
 from tci.errors import CommandError, DriverError, TciError
 from tci.gate.acceptance import OUTSIDE, by_servo, fault_of_reading, is_likely_degrees, refuse_far
 from tci.gate.bounds import bounds_of

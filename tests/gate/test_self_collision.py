@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gate.hostile import Attack
-from gate.self_collision_oracle import Oracle
+from helpers.hostile_commands import Attack
+from helpers.self_collision_oracle import Oracle
 from tci.errors import TciError
 from tci.gate.body_guard import BodyGuard
 from tci.gate.self_collision import WIDEST, SelfCollision

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gate.closed_loop import OVER, REST_IN, SLOW, SPEEDS, ClosedLoop
-from gate.gate_checks import LIMITS, make_robot
-from gate.plant import Plant
+from helpers.closed_loop import OVER, REST_IN, SLOW, SPEEDS, ClosedLoop
+from helpers.gate_checks import LIMITS, make_robot
+from helpers.joint_plant import Plant
 from tci.gate import freshness
 from tci.gate.freshness import Freshness
 from tci.gate.gate import Gate, GateSettings, GateState, SafeCommand

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gate.gate_checks import make_robot
+from helpers.gate_checks import make_robot
 from tci.errors import CommandError
 from tci.gate.bounds import bounds_of
 from tci.gate.stop_plan import TURN

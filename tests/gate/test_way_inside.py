@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from ruckig import RuckigError
 
-from gate.gate_checks import LIMITS, PERIOD, Driven, make_robot
+from helpers.gate_checks import LIMITS, PERIOD, Driven, make_robot
 from tci.gate.acceptance import SLOWEST
 from tci.gate.bounds import bounds_of
 from tci.gate.stop_plan import StopTrajectory

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from golden.cases import CASES, FOLDER, perceived, replayed
+from helpers.golden_cases import CASES, FOLDER, perceived, replayed
 from tci.reasons import NO_REASON
 from tci.recording.recording import Recording
 from tci.recording.rosmsg.cdr import decode

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import tci
-from joint_touch.bare import FOREARM, UPPER_ARM, bare_body, without_skin
-from joint_touch.plant import ARM, PERIOD, Plant, Push, calibration
-from joint_touch.trials import NEWTON, Felt, pushed, untouched
+from helpers.bare_body import FOREARM, UPPER_ARM, bare_body, without_skin
+from helpers.push_trials import NEWTON, Felt, pushed, untouched
+from helpers.pushed_arm import ARM, PERIOD, Plant, Push, calibration
 from tci.body.generic_body import BodySettings, GenericBody
 from tci.body.perceiver import Perceiver
 from tci.cli.session import poke_forearm

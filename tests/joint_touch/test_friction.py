@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import tci
-from joint_touch.bare import bare_body
-from joint_touch.plant import COULOMB, PERIOD, VISCOUS, Plant
+from helpers.bare_body import bare_body
+from helpers.pushed_arm import COULOMB, PERIOD, VISCOUS, Plant
 from tci.cli.hardware import Simulation, check_hardware
 from tci.drivers.diagnosis import Level
 from tci.errors import CommandError

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import tci
-from joint_touch.bare import bare_body
-from joint_touch.plant import ARM, PERIOD
+from helpers.bare_body import bare_body
+from helpers.pushed_arm import ARM, PERIOD
 from tci.errors import TciError, UnknownNameError
 from tci.joint_touch.observer import MomentumObserver, ObserverSettings
 from tci.messages import JointReading

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cli.test_cli import tci
-from skin_data import SkinData
+from helpers.skin_data import SkinData
 from tci.recording.contact_list import import_contact_list
 from tci.recording.recording import Recording
 from tci.robot.catalogue import load_robot

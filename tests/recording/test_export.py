@@ -8,8 +8,8 @@ import pytest
 from pyarrow import parquet
 from pyarrow.csv import read_csv
 
-from felt_skin import patches
-from recording.recorded import record_poke, two_parts
+from helpers.felt_skin import patches
+from helpers.recorded import record_poke, two_parts
 from tci.errors import RecordingError, UnknownNameError
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.recording.export import export, tables

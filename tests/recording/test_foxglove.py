@@ -7,8 +7,8 @@ import json
 import subprocess
 from pathlib import Path
 
-from peers import node_packages, peer_program
-from recording.recorded import record_poke
+from helpers.peers import node_packages, peer_program
+from helpers.recorded import record_poke
 from tci.recording.recording import Recording
 
 

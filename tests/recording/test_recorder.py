@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recording.recorded import equal_readings, made_up, record_poke, two_parts
+from helpers import TESTS
+from helpers.recorded import equal_readings, made_up, record_poke, two_parts
+from helpers.small_robot import build
 from robot.test_xml import GOOD
-from small_robot import build
 from tci.errors import RecordingError
 from tci.gate.gate import Gate
 from tci.messages import JointReading, Mode, PlatformCommand, Reading, SkinFrame
@@ -158,7 +159,7 @@ def test_a_model_that_can_not_be_used_leaves_the_recording_whole(tmp_path: Path)
 WRITER = """
 import os, sys
 sys.path.insert(0, {tests!r})
-from recording.recorded import made_up
+from helpers.recorded import made_up
 from tci.recording.recorder import Recorder
 recorder = Recorder({path!r}, None)
 for number, (now, reading) in enumerate(made_up(3000)):
@@ -170,7 +171,7 @@ for number, (now, reading) in enumerate(made_up(3000)):
 @pytest.mark.parametrize("lines", [1, 57, 400])
 def test_38_killed_with_minus_9_at_most_the_last_period_is_lost(lines: int, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    code = WRITER.format(tests=str(Path(__file__).parents[1]), path=str(path))
+    code = WRITER.format(tests=str(TESTS), path=str(path))
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as writer:
         assert writer.stdout is not None
         for _ in range(lines):

@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 
-from recording.recorded import equal_readings, made_up, record_poke
+from helpers.recorded import equal_readings, made_up, record_poke
 from tci.errors import RecordingError
 from tci.recording.compact import compact
 from tci.recording.recorder import Recorder

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from peers import peer_python
-from recording.recorded import record_poke
+from helpers.peers import peer_python
+from helpers.recorded import record_poke
 
 SHOWN = 4
 """Number of values per row that are printed completely, because rerun abbreviates long rows."""

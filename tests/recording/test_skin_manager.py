@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from made_recordings import HELD, TOUCHED, TOUCHES
-from skin_data import SkinData
+from helpers.made_recordings import HELD, TOUCHED, TOUCHES
+from helpers.skin_data import SkinData
 from tci.errors import FrameError
 from tci.recording.skin_manager import (
     NEIGHBOUR,

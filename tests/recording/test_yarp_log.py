@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cli.test_cli import tci
-from skin_data import SkinData
+from helpers.skin_data import SkinData
 from tci.errors import RecordingError, TciError
 from tci.recording.recording import Recording
 from tci.recording.yarp_log import import_yarp_log

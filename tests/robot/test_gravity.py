@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import small_robot
-from robot.moving import random_postures, robot_and_kinematics
+from helpers import small_robot
+from helpers.moving import random_postures, robot_and_kinematics
 from tci.errors import CommandError, DescriptionError
 from tci.robot.description import Robot
 from tci.robot.gravity import STANDARD_GRAVITY, Gravity

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robot.moving import HANDS, coupled, random_postures, robot_and_kinematics
+from helpers.moving import HANDS, coupled, random_postures, robot_and_kinematics
 from tci.errors import CommandError, UnknownNameError
 from tci.robot.description import Limits, Robot
 from tci.robot.inverse import InverseKinematics

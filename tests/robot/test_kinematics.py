@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robot.moving import ENDS, random_postures, robot_and_kinematics
+from helpers.moving import ENDS, random_postures, robot_and_kinematics
 from tci.errors import CommandError, UnknownNameError
 from tci.messages.frames import apply
 from tci.robot.joint_map import initial_position

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robot.moving import random_postures
-from robot.mujoco_oracle import Oracle
+from helpers.moving import random_postures
+from helpers.mujoco_oracle import Oracle
 from tci.messages.frames import apply
 from tci.robot.catalogue import load_robot, robot_names
 from tci.robot.description import Model, Robot

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from made_humanoid import MadeHumanoid
+from helpers.made_humanoid import MadeHumanoid
 from tci.lab.authoring.initial_posture import with_initial
 from tci.lab.authoring.proposal import propose
 from tci.robot.clearance import Clearance

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from peers import needs_pinocchio
-from robot.moving import ENDS, random_postures, robot_and_kinematics
+from helpers.moving import ENDS, random_postures, robot_and_kinematics
+from helpers.peers import needs_pinocchio
 from tci.exports.urdf import TORSO, to_urdf
 from tci.robot.gravity import STANDARD_GRAVITY, Gravity
 

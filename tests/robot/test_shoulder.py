@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import small_robot
+from helpers import small_robot
 from tci.errors import DescriptionError
 from tci.robot.description import GenericServo, Robot, Segment, Term
 from tci.robot.joint_map import joint_map

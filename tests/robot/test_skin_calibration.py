@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-import small_robot
-from felt_skin import FeltSkin
+from helpers import small_robot
+from helpers.felt_skin import FeltSkin
 from tci.errors import DescriptionError, TciError, UnknownNameError
 from tci.robot.json_file import read_json, write_json
 from tci.robot.skin_files.calibration import (

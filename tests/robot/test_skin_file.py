@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skin_data import FOLDERS, SkinData, cone_file
+from helpers.skin_data import FOLDERS, SkinData, cone_file
 from tci.errors import DescriptionError
 from tci.robot.skin_files.file import read_skin_file
 from tci.robot.skin_files.normals import estimate_normals

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skin_data import SkinData, cone_file
+from helpers.skin_data import SkinData, cone_file
 from tci.errors import DescriptionError, UnknownNameError
 from tci.messages.frames import rotation_rpy
 from tci.robot.skin_files.csv import read_skin_csv

@@ -11,7 +11,7 @@ import pytest
 from lxml import etree
 
 import tci.robot
-from skin_data import SkinData, cone_file
+from helpers.skin_data import SkinData, cone_file
 from tci.errors import DescriptionError
 from tci.exports.cone import cone_of
 from tci.robot.catalogue import load_robot

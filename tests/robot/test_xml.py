@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from lxml import etree
 
 import tci.robot
+from helpers import ROOT
 from tci.errors import DescriptionError, MissingExtraError, TciError
 from tci.robot.xml import read_robot, schema_path
 from tci.robot.xml.element import Element
@@ -422,7 +423,7 @@ def test_the_schema_agrees(tmp_path: Path) -> None:
 
 
 def test_schema_and_reference_are_made_of_the_grammar() -> None:
-    table = Path(__file__).parents[2] / "docs" / "tables" / "robot-description.md"
+    table = ROOT / "docs" / "tables" / "robot-description.md"
     anew = f"make them anew: python -m tci.robot.xml.schema {schema_path()} {table}"
     assert schema_path().read_text(encoding="utf-8") == schema_text(), anew
     assert table.read_text(encoding="utf-8") == table_text(), anew

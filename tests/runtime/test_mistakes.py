@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import tci
+from helpers import ROOT
 from tci.body.generic_body import GenericBody
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.contact_stop import ContactStop
@@ -20,7 +21,7 @@ from tci.runtime.arguments import load_capability
 from tci.simulation.world import World
 from tci.testing import TouchedRobot
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = ROOT / "examples"
 
 
 class Ask(tci.Capability[int]):

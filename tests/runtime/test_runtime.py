@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tci
-from drivers.served import needs_qi
+from helpers.served import needs_qi
 from tci.body.generic_body import GenericBody
 from tci.drivers.registry import open_server, server_names
 from tci.drivers.simulated import SimulatedDriver

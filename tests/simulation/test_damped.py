@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from made_humanoid import MadeHumanoid
+from helpers.made_humanoid import MadeHumanoid
 from tci.lab.authoring.proposal import propose
 from tci.simulation.world import World
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tci
-from skin.flat_skin import skin_patch
+from helpers.flat_skin import skin_patch
 from tci.errors import TciError
 from tci.messages import Reading
 from tci.robot.catalogue import load_robot

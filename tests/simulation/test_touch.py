@@ -10,10 +10,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-import pressing
-from pressing import with_pad
-from simulation import kernel_oracle
-from simulation.pokes import frame_of, poke_anywhere, pressures, straight_arms
+from helpers import kernel_oracle, pressing
+from helpers.pokes import frame_of, poke_anywhere, pressures, straight_arms
+from helpers.pressing import with_pad
 from tci.errors import TciError
 from tci.robot.catalogue import load_robot
 from tci.simulation import sampling as at

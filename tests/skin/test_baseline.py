@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skin.baseline_oracle import NumpyBaseline
-from skin.flat_skin import OnePatch, skin_patch
+from helpers.baseline_oracle import NumpyBaseline
+from helpers.flat_skin import OnePatch, skin_patch
 from tci.errors import TciError
 from tci.messages.frames import Array
 from tci.robot.description import Sensor

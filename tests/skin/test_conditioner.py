@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skin.conditioner_oracle import OneConditioner
-from skin.flat_skin import PATCH, dense, skin_patch
+from helpers.conditioner_oracle import OneConditioner
+from helpers.flat_skin import PATCH, dense, skin_patch
 from tci.errors import FrameError
 from tci.messages import SkinFrame
 from tci.skin.conditioning import Conditioner, ConditioningSettings

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from skin.flat_skin import OnePatch, skin_patch
+from helpers.flat_skin import OnePatch, skin_patch
 from tci.errors import FrameError
 from tci.robot.description import Sensor
 

@@ -15,10 +15,10 @@ from hypothesis.extra import numpy as hnp
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-import small_robot
-from felt_skin import FeltSkin, contacts_of, skin_state
-from skin.flat_skin import skin_patch
-from small_robot import LOWER, RADIUS, TAXELS, joints
+from helpers import small_robot
+from helpers.felt_skin import FeltSkin, contacts_of, skin_state
+from helpers.flat_skin import skin_patch
+from helpers.small_robot import LOWER, RADIUS, TAXELS, joints
 from tci.errors import TciError, UnknownNameError
 from tci.messages import Contact, Contacts, Site, SkinFrame
 from tci.messages.frames import read_only

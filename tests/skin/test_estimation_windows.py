@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from felt_skin import FeltSkin
+from helpers.felt_skin import FeltSkin
 from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
 from tci.messages import JointReading, Reading, SkinFrame

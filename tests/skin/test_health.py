@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skin.flat_skin import OnePatch
-from skin.long_skin import PASCAL, TAXELS, conditioner, grid
+from helpers.flat_skin import OnePatch
+from helpers.long_skin import PASCAL, TAXELS, conditioner, grid
 from tci.errors import TciError
 from tci.skin.health import HealthSettings
 

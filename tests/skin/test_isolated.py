@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tci
-from felt_skin import FeltSkin, contacts_of, skin_state
+from helpers.felt_skin import FeltSkin, contacts_of, skin_state
 from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
 from tci.errors import TciError

@@ -7,7 +7,7 @@ import os
 import numpy as np
 import pytest
 
-from skin.long_skin import PASCAL, RATE, TAXELS, block, bump, conditioner, sensor
+from helpers.long_skin import PASCAL, RATE, TAXELS, block, bump, conditioner, sensor
 
 SOAK = int(os.environ.get("TCI_SOAK", "0"))
 HOURS = 24.0 if SOAK else 0.25

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tci
-from felt_skin import FeltSkin, PatchFelt, patches
+from helpers.felt_skin import FeltSkin, PatchFelt, patches
 from tci.errors import FrameError, TciError
 from tci.messages import JointReading, Perception, Reading, SkinFrame
 from tci.messages.frames import read_only

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-import small_robot
-from felt_skin import FeltSkin
-from small_robot import LOWER, PASCAL, RADIUS, TAXELS, frame, joints, reading
+from helpers import small_robot
+from helpers.felt_skin import FeltSkin
+from helpers.small_robot import LOWER, PASCAL, RADIUS, TAXELS, frame, joints, reading
 from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
 from tci.body.places import find_place

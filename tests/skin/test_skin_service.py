@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tci
-from felt_skin import FeltSkin, patches, skin_state
+from helpers.felt_skin import FeltSkin, patches, skin_state
 from tci.errors import TciError, UnknownNameError
 from tci.messages import JointReading, SkinState
 from tci.skin.regions import limb_region, patch_region, region, region_state

@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mutated import mutated
-from yarp_captures import DIALECTS, binary
+from helpers.mutated import mutated
+from helpers.yarp_captures import DIALECTS, binary
 from yarpwire import message
 from yarpwire.bottle import decode_bottle, decode_vector, encode_bottle, encode_vector
 from yarpwire.dialect import V3, V4, Dialect

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from yarp_captures import DIALECTS, NAMES, Connection, binary, flows, said, textual
+from helpers.yarp_captures import DIALECTS, NAMES, Connection, binary, flows, said, textual
 from yarpwire import message
 from yarpwire.bottle import (
     decode_bottle,

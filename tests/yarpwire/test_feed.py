@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from drivers.yarp.show import until
+from helpers.yarp_show import until
 from yarpwire import feed as feeds
 from yarpwire.dialect import V3
 from yarpwire.feed import Feed

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from yarp_captures import NAMES, naming
+from helpers.yarp_captures import NAMES, naming
 from yarpwire import names as yarp_names
 from yarpwire.connection_limit import AcceptedConnection
 from yarpwire.errors import PortError, UnknownNameError, WireError

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import yarpwire
+from helpers import HELPERS
 
 README = (Path(yarpwire.__file__).parent / "README.md").read_text()
 FIRST, *OTHERS = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
@@ -17,7 +18,7 @@ FIRST, *OTHERS = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 
 def test_five_lines_read_a_port() -> None:
     assert len([line for line in FIRST.splitlines() if line and not line.startswith("import")]) == 5
-    words = [sys.executable, str(Path(__file__).parent / "five_lines.py")]
+    words = [sys.executable, str(HELPERS / "yarpwire_five_lines.py")]
     done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=120)
     assert (done.stdout, done.returncode) == ("[240.  17.]\n", 0), done.stderr
 

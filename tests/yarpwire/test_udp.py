@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from drivers.yarp.show import until
+from helpers.yarp_show import until
 from yarpwire import message, outgoing
 from yarpwire.bottle import encode_bottle
 from yarpwire.carrier import UDP

@@ -15,8 +15,8 @@ import numpy as np
 from measured import Measured, cold, each, in_turn, row
 
 import tci
-from felt_skin import FeltSkin, PatchFelt
-from skin.kernels import contact_oracle
+from helpers import contact_oracle
+from helpers.felt_skin import FeltSkin, PatchFelt
 from tci.capabilities.answer import Touches, field_table, find_answers, site_numbers
 from tci.capabilities.discounts import phi, psi
 from tci.capabilities.fields import default_fields

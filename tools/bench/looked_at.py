@@ -101,7 +101,7 @@ def _window(shown: Viewer, *, poke: bool = False) -> tuple[float, float]:
 
 def _click(shown: Viewer, page: subprocess.Popen[str], box: list[float]) -> float:
     """Returns the time [s] from a click on the page to the beginning of the poke that the click causes."""
-    from viewer.browser import skin_on_screen  # a module of the tests
+    from helpers.browser import skin_on_screen  # a module of the tests
 
     key, session = next(iter(shown.sessions.items()))
     x, y, _ = skin_on_screen(shown, key, "left_forearm", box)

@@ -30,8 +30,8 @@ from report import TABLES, markdown
 from rich.progress import track
 from round_trip import in_turn
 
-from drivers.ros_robots import here_only, roscore
-from drivers.wires import PEERS, Peer, free_port, lcm_url
+from helpers.ros_robots import here_only, roscore
+from helpers.wire_peers import PEERS, Peer, free_port, lcm_url
 from tci.gate.safe_command import GateState
 from yarpwire.name_server import NameServer
 
@@ -54,7 +54,7 @@ class Row:
     """Function that returns the name and version of the genuine program at the other end of the
     connection."""
     tests: str
-    """Files and folders of tests/drivers whose tests use this genuine program."""
+    """Files and folders of tests/wires whose tests use this genuine program."""
     back: str
     """Behaviour after the robot's process has died and started again."""
     where: Callable[[], str] = lambda: str(free_port())
@@ -94,23 +94,23 @@ SAID = "recorded messages"
 ROWS = {
     "zenoh": Row(
         lambda: f"Zenoh {version('eclipse-zenoh')}: sessions, a router",
-        "test_networks.py test_zenoh.py",
+        "zenoh",
         AGAIN,
         zenoh_where,
     ),
     "lcm": Row(
         lambda: f"lcm-logger, lcm-logplayer {debian('liblcm-bin')}, LCM {version('lcm')}",
-        "test_lcm.py",
+        "lcm",
         AGAIN,
         lcm_url,
     ),
     "naoqi": Row(lambda: f"libqi {version('qi')}: sessions, services", "naoqi", ITSELF),
     "yarp": Row(lambda: f"YARP 3.12.3, {SAID}", "yarp", ITSELF),
     "yarp4": Row(lambda: f"YARP 4.0, {SAID}", "yarp", ITSELF),
-    "ros2": Row(rclpy, "test_ros2.py", ROBOT),
-    "ros1": Row(lambda: f"roscore, rospy {debian('python3-rospy')}", "test_ros1.py", ROBOT),
-    "player": Row(lambda: f"Player 3.1.1, {SAID}", "test_player.py", AGAIN),
-    "rosbridge": Row(lambda: f"rosbridge_server 0.11.17, {SAID}", "test_rosbridge.py", ROBOT),
+    "ros2": Row(rclpy, "ros/test_ros2.py", ROBOT),
+    "ros1": Row(lambda: f"roscore, rospy {debian('python3-rospy')}", "ros/test_ros1.py", ROBOT),
+    "player": Row(lambda: f"Player 3.1.1, {SAID}", "player", AGAIN),
+    "rosbridge": Row(lambda: f"rosbridge_server 0.11.17, {SAID}", "ros/test_rosbridge.py", ROBOT),
     "unitree": Row(sdks, "unitree", ITSELF, lambda: "99"),
 }
 
@@ -163,7 +163,7 @@ def timed(name: str, row: Row) -> tuple[str, str]:
             where = f"{server.address[0]}:{server.address[1]},{'4' if name == 'yarp4' else '3'}"
         if name == "rosbridge":
             relay = subprocess.Popen(
-                [sys.executable, str(ROOT / "tests/drivers/rosbridge_relay.py")],
+                [sys.executable, str(ROOT / "tests/helpers/rosbridge_relay.py")],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
             )  # fmt: skip
             stack.callback(relay.communicate)

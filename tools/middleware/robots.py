@@ -27,7 +27,7 @@ from report import TABLES, commit, markdown, out, save
 from rich.progress import Progress
 
 import tci
-from drivers.wires import PEERS, wire
+from helpers.wire_peers import PEERS, wire
 from tci.lab.experiments.body_trials import answerable, body_trials_of
 from tci.lab.experiments.experiment import SIDES, trials_of
 from tci.lab.experiments.poke import Stimulus

@@ -39,8 +39,9 @@ from row import HEAD, Row, write_page
 from stream import yarp_skin
 from timing import one_kilohertz
 from whole_arm import whole_arm
-from wires import wires
 from without_skin import felt_nothing, felt_places, felt_reflex
+
+from wires import wires
 
 ROWS: dict[str, Callable[[bool], Row]] = {
     one.__name__: one

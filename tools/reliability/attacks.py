@@ -10,8 +10,8 @@ import numpy as np
 from pool import Job, Result, gather
 from row import Row
 
-from gate.gate_checks import LIMITS, make_robot
-from gate.hostile import Attack
+from helpers.gate_checks import LIMITS, make_robot
+from helpers.hostile_commands import Attack
 from tci.messages import CONTROL_MODES, Mode
 from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot, robot_names

@@ -11,7 +11,7 @@ from pool import gather
 from row import Row
 
 import tci
-from pressing import NEXT, tally
+from helpers.pressing import NEXT, tally
 
 TOUCHES = 10_000
 """Number of touches at full size, over all robots."""

@@ -51,7 +51,7 @@ def dropped(full: bool) -> Any:
     from pool import gather
     from row import Row
 
-    from drivers.wires import PEERS
+    from helpers.wire_peers import PEERS
 
     names = [name for name, peer in PEERS.items() if peer.other_process]
     jobs = [(name, seed, 100 if full else 2) for seed in range(10 if full else 1) for name in names]
@@ -75,7 +75,7 @@ def dropped(full: bool) -> Any:
 
 
 def _drop(name: str, seed: int, count: int) -> dict[str, Any]:
-    from drivers.wires import PEERS
+    from helpers.wire_peers import PEERS
 
     with ExitStack() as stack:
         with suppress(TciError):  # real-time priority, if permitted, excludes the delays of other programs

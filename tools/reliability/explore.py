@@ -7,7 +7,7 @@ import threading
 from pool import Result, gather
 from row import Row
 
-from commissioning.explorer import NAMES, Explorer
+from helpers.explorer import NAMES, Explorer
 from tci.gate.gate import GateState
 
 TRANSITIONS = {

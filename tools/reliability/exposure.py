@@ -94,7 +94,7 @@ SERVERS = {
         "rosbridge", "the settings of the rosbridge server",
         read="every program that can connect to the rosbridge server",
         command="every program that can connect to the rosbridge server",
-        beside=(str(ROOT / "tests" / "drivers" / "rosbridge_relay.py"),),
+        beside=(str(ROOT / "tests" / "helpers" / "rosbridge_relay.py"),),
     ),
     "unitree": Server(("serve", "g1", "--via", "unitree"), "`unitree:INTERFACE`"),
     "yarp": _serve(

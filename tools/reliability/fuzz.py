@@ -65,7 +65,7 @@ def skin_file() -> tuple[Target, Iterable[bytes]]:
 
 def recording() -> tuple[Target, Iterable[bytes]]:
     """MCAP files."""
-    from recording.recorded import made_up
+    from helpers.recorded import made_up
     from tci.recording.recorder import Recorder
     from tci.recording.recording import Recording
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from rich.progress import track
 from row import Row
 
-from drivers.unitree.rehearsed import EXPECTED, Rehearsed, rehearse
-from drivers.wires import Unitree
+from helpers.rehearsed import EXPECTED, Rehearsed, rehearse
+from helpers.wire_peers import Unitree
 
 TRIES = 10
 """Number of attempts to rehearse one fault if the machine delays the processes. Assumed: at least one of ten

@@ -17,7 +17,7 @@ from g1_messages import ended, vendor_program
 from pool import Job, Result, gather
 from row import Row
 
-from gate.hostile import SAG, WIGGLE, Attack
+from helpers.hostile_commands import SAG, WIGGLE, Attack
 from tci.messages import CONTROL_MODES
 from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot

@@ -55,7 +55,7 @@ AFTER = 0.3
 STEP = 0.05
 """Largest accepted decrease of the weight between two commands, beyond that of the ramp. Assumed: some
 commands may be lost."""
-HOLDER = ROOT / "tests" / "drivers" / "unitree" / "holder.py"
+HOLDER = ROOT / "tests" / "helpers" / "motor_holder.py"
 
 
 @dataclass

@@ -13,7 +13,7 @@ import numpy as np
 from report import ROOT
 from row import Row
 
-from peers import peer_python
+from helpers.peers import peer_python
 from tci.wires.unitree import messages
 from tci.wires.unitree.node import MOST, UnitreeNode, latest
 from tci.wires.unitree.wire import COMMAND, STATE, WEIGHT, decode_state, encode_command, encode_state
@@ -27,7 +27,7 @@ MORE = 1.2
 command."""
 PATIENCE = 30.0
 """Longest time [s] to wait in addition to the time of all messages."""
-PEER = ROOT / "tests" / "drivers" / "unitree" / "sdk_peer.py"
+PEER = ROOT / "tests" / "helpers" / "sdk_peer.py"
 
 
 def unitree_messages(full: bool) -> Row:

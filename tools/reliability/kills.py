@@ -18,7 +18,7 @@ from rich.progress import track
 from row import Row
 
 import tci
-from drivers.wires import free_port
+from helpers.wire_peers import free_port
 from tci.gate.gate import GateState
 from tci.wires.yarp.driver import YarpDriver
 

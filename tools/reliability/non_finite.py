@@ -6,7 +6,7 @@ import numpy as np
 from pool import Result, gather
 from row import Row
 
-from gate.gate_checks import Driven, make_robot, position_command
+from helpers.gate_checks import Driven, make_robot, position_command
 
 CHUNK = 10_000
 """Number of values with one random seed."""

@@ -6,7 +6,7 @@ from attacks import robot_of
 from pool import Job, Result, gather
 from row import Row
 
-from gate.closed_loop import ClosedLoop
+from helpers.closed_loop import ClosedLoop
 from tci.messages import CONTROL_MODES, Mode
 from tci.robot.catalogue import robot_names
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from pool import Result, gather
 from row import Row
 
-from recording.recorded import equal_readings, made_up
+from helpers.recorded import equal_readings, made_up
 from tci.recording.recorder import Recorder
 from tci.recording.recording import Recording
 
@@ -23,7 +23,7 @@ PERIOD = 0.01
 """Period [s] of the readings that are written."""
 WRITER = """
 import os, sys
-from recording.recorded import made_up
+from helpers.recorded import made_up
 from tci.recording.recorder import Recorder
 readings = made_up(2000)
 recorder = Recorder(sys.argv[1], None)

@@ -13,10 +13,11 @@ import psutil
 from pool import Result, gather
 from row import Row
 
-from drivers.player_exchange import said
 from drivers.test_remote_cdr import NAO, READ, WHOLE
-from drivers.yarp.hostile import strange_messages
-from mutated import mutated
+from helpers.hostile_bottles import strange_messages
+from helpers.mutated import mutated
+from helpers.player_exchange import said
+from helpers.yarp_captures import DIALECTS, binary
 from tci.errors import DriverError, FrameError
 from tci.recording.rosmsg.cdr import MessageType, decode, encode
 from tci.recording.schemas import CLOUD, JOINTS, SKIN, joints_values, skin_values
@@ -33,7 +34,6 @@ from tci.wires.ros.names import Names
 from tci.wires.ros.native import NativeRobot
 from tci.wires.ros.node import Callback, Publish, RosNode
 from tci.wires.ros.tree import Trees
-from yarp_captures import DIALECTS, binary
 from yarpwire import message
 from yarpwire.bottle import decode_bottle, decode_vector
 from yarpwire.dialect import V3
@@ -68,8 +68,8 @@ def remote() -> Receiver:
 
 def lcm() -> Receiver:
     """Datagrams of LCM, whole and in fragments, and messages in them with a checksum."""
-    from drivers.test_lcm import WHOLE as MESSAGES
-    from drivers.test_lcm import pieces, short
+    from wires.lcm.test_lcm import WHOLE as MESSAGES
+    from wires.lcm.test_lcm import pieces, short
 
     datagrams, numbers = Datagrams(), itertools.count()
 

@@ -7,8 +7,8 @@ import numpy as np
 from pool import Job, Result, gather
 from row import Row
 
-from joint_touch.bare import FOREARM
-from joint_touch.trials import NEWTON, pushed, untouched, withdrawn
+from helpers.bare_body import FOREARM
+from helpers.push_trials import NEWTON, pushed, untouched, withdrawn
 
 BATCH = 10
 """Number of pushes in one job."""

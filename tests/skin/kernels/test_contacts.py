@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numba import float64, int64, void
 
-from felt_skin import AT_ONCE, FeltSkin, contacts_of, patches, skin_state
-from skin.kernels import contact_oracle
+from helpers import contact_oracle
+from helpers.felt_skin import AT_ONCE, FeltSkin, contacts_of, patches, skin_state
 from tci.messages import JointReading, SkinState
 from tci.robot.catalogue import load_robot
 from tci.robot.joint_map import generic_posture

@@ -1,0 +1,145 @@
+"""Tests of descriptions in simulation, including proposed descriptions of humanoids that TCI does not
+contain."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from helpers.pressing import SHORT_POKE, with_pad
+from tci.body.generic_body import GenericBody
+from tci.capabilities.body_withdrawal import BodyWithdrawal
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.errors import DescriptionError
+from tci.lab.authoring.proposal import propose
+from tci.lab.experiments.measure import measure
+from tci.lab.experiments.patch_trials import patch_trials_of
+from tci.lab.experiments.poke import Stimulus, poke
+from tci.lab.experiments.proof import compare_axes, limit_faults, prove, trial_faults
+from tci.messages import GenericCommand, Mode, Order, Perception
+from tci.robot.catalogue import load_robot
+from tci.robot.description import Robot
+from tci.robot.xml import read_robot
+from tci.robot.xml.model import packaged
+from tci.robot.xml.writer import write_robot
+from tci.simulation.world import World
+
+PACKAGE = "example-robot-data"
+UNKNOWN = {
+    "human": "human_description/robots/human.urdf",
+    "romeo": "romeo_description/urdf/romeo.urdf",
+    "centauro": "centauro_description/urdf/centauro.urdf",
+}
+
+
+def proposed(name: str, file: str, folder: Path) -> Robot:
+    path = packaged(PACKAGE, file)
+    assert path is not None
+    target = folder / "robot.xml"
+    target.write_text(write_robot(propose(path, name=name, package=PACKAGE), file=file))
+    return read_robot(target)
+
+
+@pytest.mark.parametrize("name", UNKNOWN)
+def test_a_proposed_robot_is_proved_as_it_is(name: str, tmp_path: Path) -> None:
+    """The proposed description passes without changes."""
+    proof = prove(proposed(name, UNKNOWN[name], tmp_path), stimulus=SHORT_POKE)
+    print(proof.axes)
+    assert not proof.faults
+    assert len(proof.trials) == 10
+
+
+def test_an_arm_whose_limits_keep_it_away_from_every_posture_is_refused(tmp_path: Path) -> None:
+    file = "simple_humanoid_description/urdf/simple_humanoid.urdf"
+    with pytest.raises(
+        DescriptionError,
+        match="RARM_SHOULDER_R would need -15 degrees, and its limits are 0 to 164 degrees; valid",
+    ):
+        proposed("simple", file, tmp_path)
+
+
+def test_arms_without_skin_and_with_wrong_limits_are_found_out() -> None:
+    nao = load_robot("nao")
+    servos = tuple(
+        servo.model_copy(update={"limits": servo.limits.model_copy(update={"upper": -1.0})})
+        if servo.name == "LShoulderPitch"
+        else servo
+        for servo in nao.servos
+    )
+    proof = prove(nao.model_copy(update={"servos": servos, "patches": ()}))
+    assert any("Check the signs (gamma) and offsets (sigma)" in fault for fault in proof.faults)
+    assert any("so the reflex can't be tested" in fault for fault in proof.faults)
+
+
+def test_a_wrong_sign_is_found_out() -> None:
+    """Mistakes are a wrong sign of the elbow, a wrong sign of pronation, and an offset of 5 degrees."""
+    robot = load_robot("g1")
+    arm = robot.part("left_arm")
+    good = compare_axes(robot, arm)
+    assert good.worst_deg < 1e-6
+    for id, change in ((3, {"scale": 1.0}), (4, {"scale": -arm.servos[4].scale}), (3, {"offset": 1.66})):
+        servos = list(arm.servos)
+        servos[id] = servos[id].model_copy(update=change)
+        wrong = arm.model_copy(update={"servos": tuple(servos)})
+        spoilt = robot.model_copy(update={"parts": (wrong, *robot.parts[1:])})
+        bad = compare_axes(spoilt, wrong)
+        assert bad.worst_deg > 0.5 or bad.within_limits < 100, (id, change)
+
+
+class Jumpy(WithdrawalReflex):
+    """A reflex that already moves a little before a touch, and withdraws at the touch."""
+
+    def step(self, memory: Any, perception: Perception, body: GenericBody) -> tuple[tuple[Order, ...], Any]:
+        orders, memory = super().step(memory, perception, body)
+        early = perception.stamp < 0.003
+        goal = perception.posture["left_arm"] + 0.02 * np.array(self.fields[0].motion)
+        return ((GenericCommand("left_arm", Mode.POSITION, goal),) if early else orders), memory
+
+
+def test_a_motion_before_the_touch_is_found_out() -> None:
+    robot, site = load_robot("nao"), WithdrawalReflex().fields[0]
+    world = World(robot)
+    held = poke(world, "left_arm", site, Stimulus(), reflex=WithdrawalReflex(fields=()), seed=0)
+    faults = []
+    for reflex in (WithdrawalReflex(), Jumpy()):
+        acted = poke(world, "left_arm", site, Stimulus(), reflex=reflex, seed=0)
+        trial = measure(robot, "left_arm", site.name, acted, held)
+        faults.append(trial_faults(robot, trial))
+    assert not faults[0]
+    assert any("first motion after -" in fault for fault in faults[1])
+
+
+def test_every_patch_is_poked_and_a_motion_towards_the_finger_is_found_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The robot has a pad only on the palm, and the wrist motion presses the pad against the finger."""
+    palm, towards = np.array([0.07, -0.02, 0.0]), np.array([0.0, -1.0, 0.0])
+    robot = with_pad(
+        load_robot("g1"), "left_hand", "left_wrist_yaw_link", tmp_path, centre=palm, normal=towards
+    )
+    robot = robot.model_copy(update={"patches": robot.patches[-1:]})
+    right = BodyWithdrawal()
+    fields = [
+        field.model_copy(update={"motion_deg": {"flexion": 25.0}}) if field.name == "palm" else field
+        for field in right.fields.field
+    ]
+    wrong = BodyWithdrawal(fields=right.fields.model_copy(update={"field": tuple(fields)}))
+    (away,) = patch_trials_of(robot, WithdrawalReflex(), right)
+    assert away.answered
+    assert not away.fault
+    (refused,) = patch_trials_of(robot, WithdrawalReflex(), wrong)
+    assert not refused.answered
+    assert "would press pad" in refused.reason
+    assert not refused.fault
+    monkeypatch.setattr("tci.capabilities.withdrawal_rule.why_not", lambda *a, **options: "")
+    (pressed,) = patch_trials_of(robot, WithdrawalReflex(), wrong)
+    assert not pressed.answered
+    assert "left_hand moves towards the finger" in pressed.fault
+
+
+def test_limits_are_held_by_every_packaged_robot_that_is_sent_outside_them() -> None:
+    for name in ("g1", "alex"):
+        assert not limit_faults(load_robot(name))

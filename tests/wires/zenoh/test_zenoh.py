@@ -1,0 +1,89 @@
+"""Features that only Zenoh has: addresses, the run-time query, and errors with advice."""
+
+from __future__ import annotations
+
+import pytest
+
+import tci
+from helpers.wire_peers import free_port
+from tci.drivers.registry import open_server
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import DriverError
+from tci.exports.facts import query, read_facts
+from tci.wires.zenoh.driver import ZenohDriver, ZenohServer
+from tci.wires.zenoh.session import close_session, open_session, parse_address
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("", "zenoh:nao@tcp/127.0.0.1:7447"),
+        ("kitchen@", "zenoh:kitchen@tcp/127.0.0.1:7447"),
+        ("tls/robot.local:7447", "zenoh:nao@tls/robot.local:7447"),
+        ("kitchen@/etc/tci/robot.json5", "zenoh:kitchen@/etc/tci/robot.json5"),
+    ],
+)
+def test_addresses(text: str, shown: str) -> None:
+    assert str(parse_address(text, "nao")) == shown
+
+
+@pytest.mark.parametrize("text", ["10.0.0.5:7447", "a b@tcp/h:1", "tci/nao@tcp/h:1", "tcp", "x@tcp/"])
+def test_wrong_addresses_say_what_is_valid(text: str) -> None:
+    with pytest.raises(DriverError, match="valid"):
+        parse_address(text, "nao")
+
+
+def test_36_a_port_that_is_taken_is_told() -> None:
+    where = parse_address(f"tcp/127.0.0.1:{free_port()}", "nao")
+    session = open_session(where, "listen")
+    try:
+        with (
+            SimulatedDriver(tci.load_robot("nao")) as driver,
+            pytest.raises(DriverError, match=r"in use.*valid: a port that no other program uses"),
+        ):
+            open_server(driver, str(where))
+    finally:
+        close_session(session)
+
+
+def test_nobody_there_and_a_missing_file_are_told() -> None:
+    with pytest.raises(DriverError, match="connect"):
+        tci.connect(tci.load_robot("nao"), f"zenoh:tcp/127.0.0.1:{free_port()}")
+    with pytest.raises(DriverError, match="json5"):
+        tci.connect(tci.load_robot("nao"), "zenoh:/no/such/file.json5")
+
+
+def test_the_names_of_robots_there_are_told_and_the_run_time_query_answers() -> None:
+    robot = tci.load_robot("nao")
+    port = free_port()
+    with (
+        SimulatedDriver(robot) as driver,
+        open_server(driver, f"zenoh:kitchen@tcp/127.0.0.1:{port}") as server,
+    ):
+        assert isinstance(server, ZenohServer)
+        with pytest.raises(DriverError, match="robots served there: kitchen"):
+            ZenohDriver(robot, f"hall@tcp/127.0.0.1:{port}")
+        session = open_session(parse_address(f"kitchen@tcp/127.0.0.1:{port}", "nao"), "connect")
+        found = [list(session.get(f"tci/{name}/facts", timeout=5.0)) for name in ("kitchen", "*")]
+        close_session(session)
+    for replies in found:
+        assert [reply.ok is not None for reply in replies] == [True]
+        assert replies[0].ok is not None
+        assert str(replies[0].ok.key_expr) == "tci/kitchen/facts"
+        assert read_facts(replies[0].ok.payload.to_bytes()) == query(robot)
+
+
+def test_doctor_tells_step_by_step_what_is_there() -> None:
+    robot, where = tci.load_robot("nao"), f"tcp/127.0.0.1:{free_port()}"
+
+    def told(address: str) -> list[tuple[str, str]]:
+        return [(finding.subject, finding.level.value) for finding in ZenohDriver.probe(robot, address)]
+
+    assert told(where) == [("session", "fault")]
+    with SimulatedDriver(robot) as driver, ZenohServer(driver, where):
+        assert told(where) == [("session", "ok"), ("robot", "ok"), ("description", "ok")]
+        assert told(f"other@{where}") == [("session", "ok"), ("robot", "fault")]
+        assert "robots served there: nao" in ZenohDriver.probe(robot, f"other@{where}")[1].what
+        other = robot.model_copy(update={"digest": "0123456789abcdef" * 4})
+        assert "different" in ZenohDriver.probe(other, where)[2].what
+    assert told("no endpoint") == [("session", "fault")]

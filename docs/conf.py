@@ -1,5 +1,7 @@
 """Sphinx configuration. Warnings are errors (`make docs`); nothing is fetched while building."""
 
+import importlib
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +32,16 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 autodoc_type_aliases = {"Array": "Array", "ArrayLike": "ArrayLike", "Indices": "Indices"}
 autodoc_default_options = {"members": True, "undoc-members": False}
-autosummary_context = {"public": tci._NAMES}
+sys.path.append(str(Path(__file__).parents[1] / "tests"))
+PUBLIC = importlib.import_module("helpers.public_names").public_objects()
+"""All public names; some have two, such as `tci.run` and `tci.runtime.run`."""
+LIVES: dict[str, dict[str, str]] = {}
+"""The public names of each module, by their shortest address."""
+for address, thing in sorted(PUBLIC.items(), key=lambda item: -item[0].count(".")):
+    LIVES.setdefault(getattr(thing, "__module__", ""), {})[address.rpartition(".")[2]] = address
+autosummary_context = {"public": {module: sorted(names.values()) for module, names in LIVES.items()}}
 # the first sentence of a docstring does not end at these
 autosummary.WELL_KNOWN_ABBREVIATIONS = (*autosummary.WELL_KNOWN_ABBREVIATIONS, "eq.", "eqs.", "Fig.")
-PUBLIC = {id(getattr(tci, name)) for name in tci._HOME}
 
 
 def write_commands() -> None:
@@ -49,15 +57,19 @@ def write_commands() -> None:
 
 def skip(_: Sphinx, what: str, __: str, member: Any, ___: bool, ____: Any) -> bool | None:
     """Leaves constants out of the modules' pages, and public names, which have one page of their own."""
-    return True if what == "module" and (not callable(member) or id(member) in PUBLIC) else None
+    return (
+        True
+        if what == "module" and (not callable(member) or id(member) in map(id, PUBLIC.values()))
+        else None
+    )
 
 
 def check_index(sphinx: Sphinx, _: Exception | None) -> None:
     """Warns about public names that the index and the search would not find."""
     found = sphinx.env.domains.python_domain.objects
-    for name in sorted(tci._HOME):
-        if f"tci.{name}" not in found:
-            logging.getLogger(__name__).warning("tci.%s is missing from docs/reference.md", name)
+    for name in sorted({name for names in LIVES.values() for name in names.values()}):
+        if name not in found:
+            logging.getLogger(__name__).warning("%s is missing from docs/reference.md", name)
 
 
 def setup(sphinx: Sphinx) -> None:

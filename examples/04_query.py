@@ -3,16 +3,18 @@
 import numpy as np
 
 import tci
+from tci.exports import query, to_urdf
+from tci.robot import KinematicChain, initial_position
 
 robot = tci.load_robot("nao")
-facts = tci.query(robot)
+facts = query(robot)
 for limits in facts.generic_limits["left_arm"]:
     print(f"{limits.joint:>15}: {np.rad2deg(limits.lower):7.1f} .. {np.rad2deg(limits.upper):6.1f} degrees")
 
-kinematics = tci.KinematicChain(robot)
-hand = kinematics.poses(tci.initial_position(robot), ["LHand"])["LHand"]  # T_TL (4, 4), in the torso frame
+kinematics = KinematicChain(robot)
+hand = kinematics.poses(initial_position(robot), ["LHand"])["LHand"]  # T_TL (4, 4), in the torso frame
 print("left hand at", np.round(hand[:3, 3], 3), "m")
 
 table = facts.denavit_hartenberg[0]
 print(f"{table.part}, {table.convention} convention: {len(table.rows)} joints to {table.link}")
-print(f"JSON of {len(facts.model_dump_json())} bytes, URDF of {len(tci.to_urdf(robot))}")
+print(f"JSON of {len(facts.model_dump_json())} bytes, URDF of {len(to_urdf(robot))}")

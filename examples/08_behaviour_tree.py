@@ -6,6 +6,7 @@ import numpy as np
 from py_trees.composites import Selector
 
 import tci
+from tci.capabilities.behaviour_tree import BehaviourTree, Reflex, Task
 
 
 @dataclass(frozen=True)
@@ -22,8 +23,8 @@ class LookAround(tci.Capability[int]):
 
 
 def tree():
-    looking = tci.Task("look around", LookAround(), done=lambda count, perception: count >= 1000)
-    return Selector("nao", memory=False, children=[tci.Reflex("withdraw", tci.WithdrawalReflex()), looking])
+    looking = Task("look around", LookAround(), done=lambda count, perception: count >= 1000)
+    return Selector("nao", memory=False, children=[Reflex("withdraw", tci.WithdrawalReflex()), looking])
 
 
 last = ""
@@ -39,4 +40,4 @@ def tell(tick: tci.Tick) -> None:
 
 with tci.connect(tci.load_robot("nao"), "sim") as driver:
     driver.world.finger.poke("left_forearm", 150, speed=0.25, depth=0.01, gap=0.1)
-    tci.run(driver, tci.BehaviourTree(tree), duration=3.0, observe=tell)
+    tci.run(driver, BehaviourTree(tree), duration=3.0, observe=tell)

@@ -4,6 +4,7 @@ determine the time."""
 import numpy as np
 
 import tci
+from tci.gate import SafeCommand
 
 robot = tci.load_robot("nao")
 posture = robot.part("left_arm").initial_posture.copy()
@@ -11,7 +12,7 @@ posture[0] += np.deg2rad(30.0)
 wanted, body = tci.GenericCommand("left_arm", tci.Mode.POSITION, posture), tci.GenericBody(robot)
 
 
-def at_rest(sent: tci.SafeCommand) -> bool:
+def at_rest(sent: SafeCommand) -> bool:
     return bool(np.abs(sent.velocity).max(initial=0.0) < 1e-3)
 
 

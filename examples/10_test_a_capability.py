@@ -3,8 +3,9 @@
 import numpy as np
 
 import tci
+from tci.testing import TouchedRobot
 
-robot, reflex = tci.TouchedRobot("nao"), tci.WithdrawalReflex()
+robot, reflex = TouchedRobot("nao"), tci.WithdrawalReflex()
 
 nothing, memory = reflex.step(reflex.init(robot.body), robot.perceive(), robot.body)
 assert nothing == ()
@@ -16,7 +17,7 @@ print("touched on its left forearm it wants", np.round(np.rad2deg(command.values
 commands, _ = reflex.step(reflex.init(robot.body), robot.perceive("head"), robot.body)
 assert commands == (), "it knows nothing of heads, and passes over the touch"
 
-robot = tci.TouchedRobot("nao", posture={"right_arm": np.deg2rad([40.0, 20.0, 0.0, 70.0, 0.0])})
+robot = TouchedRobot("nao", posture={"right_arm": np.deg2rad([40.0, 20.0, 0.0, 70.0, 0.0])})
 for touch in ("right_forearm", "right_forearm", None):
     seen = robot.perceive(touch, force=4.0)
     contacts = [(contact.patch, round(contact.force, 1), contact.identity) for contact in seen.contacts]

@@ -6,6 +6,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 import tci
+from tci.recording import recorded_robot, tables
 
 try:
     import pandas as pd
@@ -24,7 +25,7 @@ if not sys.argv[1:]:
         )
 
 recording = tci.Recording(path)
-found = tci.tables(recording, tci.recorded_robot(recording))  # arrays by name, with one row per time
+found = tables(recording, recorded_robot(recording))  # arrays by name, with one row per time
 skin = found["skin_left_forearm"]
 forces = pd.DataFrame(skin["force_n"], index=skin["time_s"])  # frames by taxels [N]
 contacts = pd.DataFrame(found["contacts"])

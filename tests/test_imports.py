@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,7 @@ from typer.testing import CliRunner
 
 import tci
 from helpers import ROOT
+from helpers.public_names import public_names, public_objects
 from tci import errors
 from tci.cli.main import app
 
@@ -47,44 +50,57 @@ def test_the_viewer_loads_no_mesh_library_and_no_optimiser() -> None:
     assert not loaded("import tci.lab.viewer.app") & {"trimesh", "scipy.optimize"}
 
 
-@pytest.mark.parametrize("name", dir(tci))
-def test_every_public_name_exists(name: str) -> None:
-    assert getattr(tci, name) is not None
+@pytest.mark.parametrize("package", public_names())
+def test_every_public_name_exists_and_hides_no_module(package: str) -> None:
+    """`dir` lists them all, for editors and `help`. A module with the name would replace it once imported."""
+    module = import_module(package)
+    for name in public_names()[package]:
+        assert name in dir(module)
+        assert getattr(module, name) is not None
+        assert find_spec(package) is None or not is_module(f"{package}.{name}"), name
+
+
+def is_module(name: str) -> bool:
+    try:
+        return find_spec(name) is not None
+    except ModuleNotFoundError:  # the parent is a module, not a package
+        return False
+
+
+def test_what_programs_need_is_at_the_top() -> None:
+    assert 30 < len(tci.__all__) < 50
+    found = [one for one in vars(errors).values() if isinstance(one, type) and issubclass(one, Exception)]
+    assert len(found) > 8
+    assert {one.__name__ for one in found} <= set(tci.__all__)
 
 
 def test_without_an_extra_introspection_works_and_an_import_names_the_extra() -> None:
-    """`help`, completion and mocks load each name in `dir(tci)`. Without the extra this must not fail, but an
-    import of the name must still print how to install the extra."""
+    """`help`, completion and mocks load each name in `dir`. Without the extra this must not fail, but an
+    import must still print how to install the extra."""
     code = (
-        "import inspect, sys; sys.modules['py_trees'] = None; import tci\n"
-        "found = dict(inspect.getmembers(tci))\n"
-        "print('run' in found, 'BehaviourTree' in found)\n"
-        "try: from tci import BehaviourTree\n"
+        "import inspect, sys; sys.modules['py_trees'] = None; import tci, tci.capabilities\n"
+        "for one in (tci, tci.capabilities): print('Capability' in dict(inspect.getmembers(one)), end=' ')\n"
+        "print()\n"
+        "try: from tci.capabilities.behaviour_tree import BehaviourTree\n"
         "except tci.MissingExtraError as error: print(error)"
     )
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert said.startswith("True False\na behaviour tree needs py_trees")
+    assert said.startswith("True True \na behaviour tree needs py_trees")
     assert "pip install" in said
 
 
 PAGES = [*ROOT.glob("docs/*.md"), ROOT / "README.md"]
-DEEP = re.compile(r"^\s*(?:from tci\.|import tci\.)(?!lab$|lab ).*$", re.MULTILINE)
 
 
 @pytest.mark.parametrize("path", [*sorted(ROOT.glob("examples/*.py")), *PAGES], ids=lambda path: path.name)
-def test_examples_and_pages_import_from_tci_only(path: Path) -> None:
-    """All names that a user needs are in `dir(tci)`, so examples and pages import no submodule."""
-    text = path.read_text()
+def test_examples_and_pages_use_public_names_only(path: Path) -> None:
+    text, public = path.read_text(), public_objects()
     shown = [text] if path.suffix == ".py" else re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    assert not [line for code in shown for line in DEEP.findall(code)]
-    for name in {name for code in shown for name in re.findall(r"(?<![\w/])tci\.(\w+)", code)}:
-        assert name == "lab" or name in dir(tci), name
-
-
-def test_every_error_is_public() -> None:
-    found = [one for one in vars(errors).values() if isinstance(one, type) and issubclass(one, Exception)]
-    assert len(found) > 8
-    assert {one.__name__ for one in found} <= set(dir(tci))
+    for code in shown:
+        for package, names in re.findall(r"^\s*from (tci[\w.]*) import ([\w, ]+)$", code, re.MULTILINE):
+            assert {f"{package}.{name}" for name in names.split(", ")} <= public.keys()
+        for name in re.findall(r"(?<![\w/.\"'])(tci(?:\.\w+)+)", code):
+            assert any(f"{one}.".startswith(f"{name}.") or name.startswith(f"{one}.") for one in public), name
 
 
 def test_the_command_tells_its_version() -> None:

@@ -10,6 +10,7 @@ import pytest
 
 import tci
 from tci.drivers.registry import driver_names
+from tci.messages import JointReading, Reading
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 
@@ -73,9 +74,9 @@ def test_a_part_has_its_kind_whatever_its_name(renamed: Robot) -> None:
     for part, before in zip(renamed.parts, nao.parts, strict=True):
         assert part.name in body.parts(before.kind)
     position = initial_position(renamed)
-    joints = tci.JointReading(0.0, 0, position, np.zeros(len(position)))
+    joints = JointReading(0.0, 0, position, np.zeros(len(position)))
     orders = tci.WithdrawalReflex(mode="impedance").begin(
-        tci.Perceiver(body).step(tci.Reading(joints, ()), 0.0), body
+        tci.Perceiver(body).step(Reading(joints, ()), 0.0), body
     )
     assert {order.part for order in orders} == {"part_0", "part_1"} == {*body.parts("arm")}
 

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import tci
+from tci.messages import PlatformCommand, PlatformSwitch
 from tci.messages.frames import Array
 
 ROBOT, SERVO = "nao", "LShoulderPitch"
@@ -36,13 +37,13 @@ def run(case: str) -> tuple[Array, Array]:
         for now in driver.ticks(duration=DURATION):
             reading = driver.read().joints
             joints = joints if "HOLD" in case and now >= SILENT else reading
-            orders: list[tci.PlatformCommand | tci.PlatformSwitch] = []
+            orders: list[PlatformCommand | PlatformSwitch] = []
             value = next((targets[time] for time in sorted(targets, reverse=True) if now >= time), None)
             if now == 0.0 and mode is not tci.Mode.POSITION:
-                orders.append(tci.PlatformSwitch(here, mode))
+                orders.append(PlatformSwitch(here, mode))
             elif value is not None:
                 values, speed = np.deg2rad([value]), np.array([limits.velocity])
-                orders.append(tci.PlatformCommand(mode, here, values, speed))
+                orders.append(PlatformCommand(mode, here, values, speed))
             safe = driver.gate.step(orders, joints, now)
             driver.write(safe)
             angle = safe.position[0] if len(safe.position) else reading.position[servo.index]

@@ -12,6 +12,7 @@ from PIL import Image, ImageSequence
 
 import tci
 from tci.body.places import find_place
+from tci.capabilities import default_fields
 from tci.drivers.simulated import SimulatedDriver
 from tci.lab.pictures.camera import fit, look_at
 from tci.lab.pictures.film import LAST, SHOWN, Film
@@ -38,7 +39,7 @@ Touch = Callable[[Any, tci.Robot], None]
 def touch_forearm(driver: Any, robot: tci.Robot, **motion: float) -> None:
     """Pokes the centre of the first receptive field of the left forearm. This is the same place on every
     robot."""
-    site = tci.default_fields()[0]
+    site = default_fields()[0]
     place = find_place(Skin(robot), "left_arm", site.segment, site.u, site.theta, driver.read().joints)
     driver.world.finger.poke(place.patch, place.p_L, place.n_L, gap=0.02, **motion)
 
@@ -155,7 +156,7 @@ def hands(_: Path, images: Path) -> None:
 
 def robots(_: Path, images: Path) -> None:
     """Portrait of each robot at the start of its simulation, with its receptive fields."""
-    looks = field_looks(tci.default_fields())
+    looks = field_looks(default_fields())
     for name in ROBOTS:
         with tci.connect(tci.load_robot(name), "sim") as driver:
             world = driver.world

@@ -94,13 +94,13 @@ def cut_off(browser: Browser, folder: Path, width: int) -> list[str]:
 def not_found(browser: Browser, address: str) -> list[str]:
     """Lists the public names that the search does not find."""
     page, missing = opened(browser, LAPTOP), []
-    for name in tci._HOME:
+    for name in tci.__all__:
         page.goto(f"{address}/search.html?q={name}", wait_until="domcontentloaded")
         try:
             page.wait_for_selector(f'#search-results a[href*="#tci.{name}"]')
         except BrowserTimeoutError:
             missing.append(f"the search does not find tci.{name}")
-    print(f"{len(tci._HOME)} public names searched for")
+    print(f"{len(tci.__all__)} public names searched for")
     return missing
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import tci
+from tci.messages import PlatformCommand
 from tci.messages.frames import Array
 
 ROBOT, PATCH, TAXEL = "nao", "left_forearm", 150
@@ -130,7 +131,7 @@ def bad_command() -> tuple[Array, str, float, list[str]]:
             for time, value in ((AT, ASKED), (NOT_FINITE, np.nan)):
                 if time <= now < time + driver.period:
                     orders = (
-                        tci.PlatformCommand(
+                        PlatformCommand(
                             tci.Mode.POSITION,
                             np.array([servo.index]),
                             np.array([value]),

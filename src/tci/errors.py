@@ -1,4 +1,4 @@
-"""All errors that TCI raises.
+"""All errors that TCI raises, and the reasons to refuse, hold or stop.
 
 All errors have one root class, so a caller can catch all of them. Messages name the wrong value, its place,
 and the valid values.
@@ -9,7 +9,24 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from tci.reasons import Code, Reason
+from tci.reasons import Code, Notice, Reason
+
+__all__ = [
+    "ClashError",
+    "Code",
+    "CommandError",
+    "DescriptionError",
+    "DriverError",
+    "Fault",
+    "FrameError",
+    "MissingExtraError",
+    "Notice",
+    "Reason",
+    "RecordingError",
+    "TciError",
+    "UnknownNameError",
+    "WireError",
+]
 
 
 class TciError(Exception):

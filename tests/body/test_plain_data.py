@@ -14,12 +14,15 @@ import pytest
 import tci
 from helpers.touches import body_that
 from tci import messages
+from tci.body import BodySettings
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.contact_stop import ContactStop
 from tci.capabilities.play_gesture import PlayGesture
 from tci.capabilities.soft_reaction import SoftReaction
 from tci.gestures.gesture import Gesture, fit
-from tci.messages import Landmark, LimbPlace, Mode, Perception
+from tci.messages import JointReading, Landmark, LimbPlace, Mode, Perception, Reading, SkinFrame
+from tci.robot import initial_position
+from tci.skin import ContactSettings
 from tci.testing import PERIOD, TouchedRobot
 
 NAO = tci.load_robot("nao-whole")
@@ -176,17 +179,17 @@ def test_a_copied_perceiver_goes_on_alike(copied: Callable[[Any], Any], dtype: t
     original."""
     body, random = tci.GenericBody(NAO), np.random.default_rng(6)
     still = np.zeros(len(NAO.servos))
-    position = np.array(tci.initial_position(NAO))
+    position = np.array(initial_position(NAO))
 
-    def reading(k: int) -> tci.Reading:
+    def reading(k: int) -> Reading:
         frames = []
         for patch in NAO.patches:
             values = patch.sensor.rest + 2.0 * random.standard_normal(patch.channels)
             if k % 40 > 20 and patch.name == "left_forearm":
                 values[30:60] -= 60.0
             values = np.clip(np.rint(values), patch.sensor.lowest, patch.sensor.highest).astype(dtype)
-            frames.append(tci.SkinFrame(patch.name, k * PERIOD, k, values))
-        return tci.Reading(tci.JointReading(k * PERIOD, k, position, still), tuple(frames))
+            frames.append(SkinFrame(patch.name, k * PERIOD, k, values))
+        return Reading(JointReading(k * PERIOD, k, position, still), tuple(frames))
 
     one = tci.Perceiver(body)
     readings = [reading(k) for k in range(330)]  # longer than the first estimation window
@@ -212,7 +215,7 @@ def test_a_body_does_not_change() -> None:
             setattr(body, name, None)
     assert deepcopy(body) is body
     assert pickle.loads(pickle.dumps(body)).robot == body.robot
-    settings = tci.BodySettings(contacts=tci.ContactSettings(touch=0.5))
+    settings = BodySettings(contacts=ContactSettings(touch=0.5))
     assert pickle.loads(pickle.dumps(tci.GenericBody(NAO, settings))).settings == settings
 
 

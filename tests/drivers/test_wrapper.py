@@ -19,7 +19,7 @@ from tci.drivers.info import DriverInfo
 from tci.drivers.lease import held
 from tci.drivers.wrapper import DriverWrapper
 from tci.gate.gate import SafeCommand
-from tci.messages import JointReading, Reading
+from tci.messages import JointReading, ManualClock, Reading
 from tci.robot.joint_map import initial_position
 
 FOUND = (Finding(Level.NOTE, "dialect", "4.0"),)
@@ -32,7 +32,7 @@ class Told(Driver):
     """A driver that records each call and returns other values than its base class."""
 
     def __init__(self) -> None:
-        super().__init__(DriverInfo.of(tci.load_robot("nao"), "sim", clock=tci.ManualClock(1.0), armed=True))
+        super().__init__(DriverInfo.of(tci.load_robot("nao"), "sim", clock=ManualClock(1.0), armed=True))
         self.calls: list[str] = []
         here = np.array(initial_position(self.robot))
         self.reading = Reading(JointReading(1.0, 1, here, np.zeros(len(here))), ())

@@ -7,7 +7,7 @@ import sys
 
 import tci
 from helpers.patient import patient
-from tci.runtime.real_time import real_time_where_permitted
+from tci.runtime.priority import real_time_where_permitted
 
 
 def main() -> None:

@@ -9,9 +9,11 @@ import numpy as np
 
 import tci
 from tci.body.generic_body import GenericBody
+from tci.capabilities import ReceptiveField
 from tci.capabilities.withdrawal import WithdrawalMemory
 from tci.drivers.driver import Driver
 from tci.drivers.info import DriverInfo
+from tci.errors import Reason
 from tci.gate.gate import GateSettings
 from tci.gate.safe_command import SafeCommand
 from tci.lab.faults.fault_injector import FaultInjector, FaultPlan
@@ -113,7 +115,7 @@ class NoisySkin(Driver):
 class Counted(tci.Capability[WithdrawalMemory]):
     """The withdrawal reflex. It also records, by arm, the times at which a response began."""
 
-    def __init__(self, surround: Sequence[tci.ReceptiveField] | None = None) -> None:
+    def __init__(self, surround: Sequence[ReceptiveField] | None = None) -> None:
         self.reflex = tci.WithdrawalReflex(surround=surround)
         self.answers: dict[str, list[float]] = {"left_arm": [], "right_arm": []}
 
@@ -129,7 +131,7 @@ class Counted(tci.Capability[WithdrawalMemory]):
                 self.answers[part].append(withdrawal.started)
         return commands, memory
 
-    def fault(self, perception: Perception, body: GenericBody) -> tci.Reason | None:
+    def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
         return self.reflex.fault(perception, body)
 
 
@@ -144,7 +146,7 @@ class Felt:
         at: float,
         duration: float,
         lasts: float = np.inf,
-        surround: Sequence[tci.ReceptiveField] | None = None,
+        surround: Sequence[ReceptiveField] | None = None,
     ) -> None:
         self.ticks: list[Tick] = []
         self.reflex, self.report = Counted(surround), LoopReport()

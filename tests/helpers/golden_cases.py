@@ -27,6 +27,8 @@ import tci
 from helpers import TESTS
 from helpers.rehearsal import Sway
 from tci.body.generic_body import GenericBody
+from tci.capabilities import default_fields
+from tci.capabilities.behaviour_tree import BehaviourTree, Reflex, Task
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.cli.session import poke_forearm
 from tci.drivers.driver import Driver
@@ -53,7 +55,7 @@ instead of numbers, which format 1 can't contain."""
 
 def paper() -> tci.WithdrawalReflex:
     """Returns the reflex of the paper, which uses the force of equation 7."""
-    return tci.WithdrawalReflex(fields=tci.default_fields(measure="weighted"))
+    return tci.WithdrawalReflex(fields=default_fields(measure="weighted"))
 
 
 def gesture() -> tci.PlayGesture:
@@ -71,10 +73,10 @@ def tree() -> tci.Capability[Any]:
     reflex, sway = tci.WithdrawalReflex(refractory=0.2), Sway()
 
     def root() -> Selector:
-        task = tci.Task("sway", sway, done=lambda memory, perception: False)
-        return Selector("robot", memory=False, children=[tci.Reflex("withdraw", reflex), task])
+        task = Task("sway", sway, done=lambda memory, perception: False)
+        return Selector("robot", memory=False, children=[Reflex("withdraw", reflex), task])
 
-    return tci.BehaviourTree(root)
+    return BehaviourTree(root)
 
 
 class Turned(Steered):

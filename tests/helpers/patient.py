@@ -15,7 +15,7 @@ from tci.drivers.simulated import SimulatedDriver
 from tci.robot.description import Robot
 from tci.robot.description.binding import Address, Binding
 from tci.runtime.loop import Tick
-from tci.runtime.real_time import real_time_where_permitted
+from tci.runtime.priority import real_time_where_permitted
 from tci.runtime.serve import serve
 
 PATIENCE = 0.5

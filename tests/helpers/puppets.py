@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from tci.runtime.real_time import real_time_where_permitted
+from tci.runtime.priority import real_time_where_permitted
 from tci.wires.unitree import messages
 from tci.wires.unitree.node import MOST, UnitreeNode, latest
 from tci.wires.unitree.wire import STATE, WEIGHT, decode_command, encode_state

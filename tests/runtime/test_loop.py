@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import tci
+from tci.body import BodySettings
 from tci.body.generic_body import GenericBody
 from tci.drivers.driver import Driver
 from tci.drivers.info import DriverInfo
@@ -23,13 +24,24 @@ from tci.drivers.lease import lease
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, DriverError, TciError
 from tci.gate.gate import GateState, SafeCommand
-from tci.messages import GenericCommand, Mode, Order, Perception, Reading, SkinFrame, SwitchMode
+from tci.messages import (
+    GenericCommand,
+    JointReading,
+    ManualClock,
+    Mode,
+    Order,
+    Perception,
+    Reading,
+    SkinFrame,
+    SwitchMode,
+)
 from tci.reasons import Code, Reason
 from tci.robot.joint_map import initial_position
 from tci.runtime.loop import MISSED, PERSISTS, REST, Tick, _Loop, run
 from tci.runtime.loop_report import FINEST, Histogram, LoopReport
 from tci.runtime.watchdogs import LEAST_SILENCE, frozen_garbage, interruptions
 from tci.simulation.world import World
+from tci.skin import ConditioningSettings
 
 
 class Swing(tci.Capability[int]):
@@ -117,8 +129,8 @@ def test_45_a_robot_that_nobody_moves_is_not_brought_to_rest(world: World) -> No
 
 def test_a_run_perceives_with_the_settings_that_it_is_given(world: World) -> None:
     world.reset()
-    slow = tci.BodySettings(conditioning=tci.ConditioningSettings(latency=0.02))
-    seen: list[tci.ConditioningSettings] = []
+    slow = BodySettings(conditioning=ConditioningSettings(latency=0.02))
+    seen: list[ConditioningSettings] = []
 
     class Looks(Still):
         def init(self, body: GenericBody) -> int:
@@ -634,7 +646,7 @@ def test_10_skin_that_stands_still_makes_the_robot_hold(monkeypatch: pytest.Monk
 
 
 def test_41_every_period_counts_once_wherever_in_it_the_loop_wakes() -> None:
-    class Shaky(tci.ManualClock):
+    class Shaky(ManualClock):
         """A clock that advances with every reading and whose waits end late, by up to two periods."""
 
         def now(self) -> float:
@@ -653,7 +665,7 @@ def test_41_every_period_counts_once_wherever_in_it_the_loop_wakes() -> None:
         def _receive(self) -> Reading:
             self.count += 1
             here = np.array(initial_position(self.robot))
-            return Reading(tci.JointReading(self.clock.now(), self.count, here, 0.0 * here), ())
+            return Reading(JointReading(self.clock.now(), self.count, here, 0.0 * here), ())
 
         def _send(self, safe: SafeCommand) -> None:
             return

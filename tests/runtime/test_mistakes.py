@@ -130,9 +130,7 @@ def test_6_a_robot_or_a_name_in_place_of_a_connection(world: World) -> None:
 def test_6_a_name_in_place_of_a_robot() -> None:
     with tci.connect("nao", "sim", skin=False) as driver:
         assert driver.robot.name == "nao"
-    with pytest.raises(
-        TciError, match=r"connect: the class Robot in place of a robot; valid: tci\.load_robot"
-    ):
+    with pytest.raises(TciError, match=r"the class Robot in place of a robot; valid: tci\.load_robot"):
         tci.connect(tci.Robot)
     with pytest.raises(TciError, match=r"connect: a SimulatedDriver as the name of a driver; valid: .*sim"):
         tci.connect("nao", driver)

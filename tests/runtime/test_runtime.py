@@ -10,6 +10,7 @@ import pytest
 import tci
 from helpers.served import needs_qi
 from tci.body.generic_body import GenericBody
+from tci.drivers import driver_names
 from tci.drivers.registry import open_server, server_names
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DriverError, UnknownNameError
@@ -77,7 +78,7 @@ def test_what_is_due_once_in_a_period_is_not_caught_up() -> None:
 
 def test_connect_lists_what_there_is() -> None:
     robot = tci.load_robot("nao")
-    assert "sim" in tci.driver_names()
+    assert "sim" in driver_names()
     with pytest.raises(UnknownNameError, match="sim"):
         tci.connect(robot, "telepathy://nao")
     with pytest.raises(DriverError, match="no address"):
@@ -99,7 +100,7 @@ def test_connect_lists_what_there_is() -> None:
         tci.connect(unbound, "naoqi:127.0.0.1:9")
 
 
-@pytest.mark.parametrize("name", tci.driver_names())
+@pytest.mark.parametrize("name", driver_names())
 def test_every_driver_and_server_refuses_an_option_that_it_lacks(name: str) -> None:
     if name == "naoqi":
         needs_qi()

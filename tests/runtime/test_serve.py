@@ -12,7 +12,7 @@ from tci.drivers.driver import Driver
 from tci.drivers.server import Server
 from tci.drivers.simulated import SimulatedDriver
 from tci.gate.safe_command import SafeCommand
-from tci.messages import GenericCommand, Mode, Order, Perception, Reading
+from tci.messages import GenericCommand, ManualClock, Mode, MonotonicClock, Order, Perception, Reading
 from tci.reasons import Code, Reason
 from tci.runtime.loop import Tick
 from tci.runtime.serve import serve
@@ -96,7 +96,7 @@ def test_28_34_a_process_that_stood_still_holds_from_its_first_period_and_takes_
     driver: SimulatedDriver,
 ) -> None:
     own = driver.native("LArm")
-    clock = tci.ManualClock()
+    clock = ManualClock()
     elbow = own.positions(driver.read().joints)
     far, old = (own.command({"LElbowRoll": angle}, speed=0.5) for angle in (-1.4, -0.1))
     thaw = 200
@@ -124,14 +124,14 @@ def test_28_34_a_process_that_stood_still_holds_from_its_first_period_and_takes_
 
 
 def test_a_period_that_is_late_on_a_busy_machine_is_no_standstill(driver: SimulatedDriver) -> None:
-    clock = tci.ManualClock()
+    clock = ManualClock()
     desk = Desk(driver, {1: [turn_head(0.3)]})
     serve(desk, duration=1.0, observe=lambda tick: clock.advance(0.29), clock=clock)
     assert {sent.state.value for sent in desk.shown} == {"run"}
 
 
 def test_a_paced_simulation_is_not_ahead_of_real_time() -> None:
-    clock = tci.MonotonicClock()
+    clock = MonotonicClock()
     begin = clock.now()
     with SimulatedDriver(tci.load_robot("nao"), paced=True) as driver:
         start = driver.clock.now()

@@ -13,8 +13,9 @@ import tci
 from tci.body.generic_body import GenericBody
 from tci.drivers.driver import Driver
 from tci.drivers.info import DriverInfo
+from tci.gate import SafeCommand
 from tci.gate.gate import Gate
-from tci.messages import GenericCommand, JointReading, Mode, Perception
+from tci.messages import GenericCommand, JointReading, Mode, MonotonicClock, Perception, Reading
 from tci.robot.joint_map import initial_position
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.warm_up import WARM_UP, WarmUp
@@ -27,12 +28,12 @@ class Standing(Driver):
 
     count = 0
 
-    def _receive(self) -> tci.Reading:
+    def _receive(self) -> Reading:
         self.count += 1
         here = np.array(initial_position(self.robot))
-        return tci.Reading(tci.JointReading(self.clock.now(), self.count, here, 0.0 * here), ())
+        return Reading(JointReading(self.clock.now(), self.count, here, 0.0 * here), ())
 
-    def _send(self, safe: tci.SafeCommand) -> None:
+    def _send(self, safe: SafeCommand) -> None:
         return
 
     def _close(self) -> None:
@@ -71,7 +72,7 @@ def warmed(monkeypatch: pytest.MonkeyPatch) -> list[WarmUp]:
 
 def standing() -> Standing:
     robot, lease = tci.load_robot("nao"), f"standing:{os.getpid()}"
-    return Standing(DriverInfo.of(robot, "sim", clock=tci.MonotonicClock(), armed=True, lease_name=lease))
+    return Standing(DriverInfo.of(robot, "sim", clock=MonotonicClock(), armed=True, lease_name=lease))
 
 
 def test_a_loop_in_real_time_warms_up_in_its_spare_time(warmed: list[WarmUp]) -> None:

@@ -20,7 +20,7 @@ from tci.drivers.lease import lease
 from tci.drivers.wrapper import DriverWrapper
 from tci.errors import DriverError
 from tci.gate.gate import GateState
-from tci.messages import JointReading, Reading, SkinFrame
+from tci.messages import JointReading, ManualClock, Reading, SkinFrame
 from tci.messages.frames import Array, read_only
 from tci.reasons import Code, Reason
 from tci.runtime.watchdogs import (
@@ -35,6 +35,7 @@ from tci.runtime.watchdogs import (
     implausible_force,
     interruptions,
 )
+from tci.testing import TouchedRobot
 
 NAO = tci.load_robot("nao")
 PATCHES = [patch.name for patch in NAO.patches]
@@ -159,7 +160,7 @@ def test_torques_that_freeze_while_an_arm_moves_slowly_are_told(
 def test_a_standstill_is_longer_than_a_busy_machine_and_than_what_the_driver_allows(
     stale_after: float, longest: float
 ) -> None:
-    clock = tci.ManualClock(3.0)
+    clock = ManualClock(3.0)
     still = StallDetector(clock, stale_after=stale_after)
     for _ in range(3):
         clock.advance(longest - 1e-6)
@@ -174,7 +175,7 @@ def test_a_standstill_is_longer_than_a_busy_machine_and_than_what_the_driver_all
 
 
 def test_a_standstill_of_exactly_what_is_allowed_is_none_and_ends_exactly() -> None:
-    clock = tci.ManualClock(0.0)
+    clock = ManualClock(0.0)
     still = StallDetector(clock, stale_after=0.5)
     clock.advance(0.5)
     assert still.fault() is None
@@ -311,7 +312,7 @@ def test_torques_that_no_push_explains_hold_the_robot() -> None:
 
 
 def test_only_touches_that_are_estimated_from_torques_are_judged_by_their_force() -> None:
-    contacts = tci.TouchedRobot("nao").perceive("left_forearm", force=5.0).contacts
+    contacts = TouchedRobot("nao").perceive("left_forearm", force=5.0).contacts
     strong = replace(contacts, force=np.array([400.0]))
     assert implausible_force(strong) is None
     assert implausible_force(replace(strong, certainty=np.array([0.7]))) is not None

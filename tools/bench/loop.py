@@ -15,6 +15,7 @@ from pipeline import TURN, Pipeline, Swinging
 import tci
 from tci.drivers.driver import Driver
 from tci.drivers.info import DriverInfo
+from tci.gate import SafeCommand
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.messages.clock import MonotonicClock
 from tci.robot.joint_map import initial_position
@@ -58,7 +59,7 @@ class Echo(Driver):
             self._skin = tuple(SkinFrame(name, now, frame, values.copy()) for name, values in raw)
         return Reading(JointReading(now, self._count, self._angles.copy(), self._still), self._skin)
 
-    def _send(self, safe: tci.SafeCommand) -> None:
+    def _send(self, safe: SafeCommand) -> None:
         self._angles[safe.servos] = safe.position
 
     def _close(self) -> None:

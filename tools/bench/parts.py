@@ -18,6 +18,7 @@ import tci
 from tci.body.posture import to_platform
 from tci.exports.chain import chain_to
 from tci.exports.urdf import to_urdf
+from tci.gate import Gate
 from tci.messages import GenericCommand, JointReading, Mode
 from tci.messages.frames import frozen
 from tci.robot.inverse import InverseKinematics
@@ -34,7 +35,7 @@ from tci.skin.skin import Skin
 def gate_and_ruckig(robot: tci.Robot) -> tuple[Work, Work]:
     """Times the whole gate with five moving joints, including the check for a safe stop, and one update of
     ruckig."""
-    gate = tci.Gate(robot, period=0.002, stale_after=0.05)
+    gate = Gate(robot, period=0.002, stale_after=0.05)
     position = np.array(initial_position(robot))
     near, far = robot.part("left_arm").initial_posture, np.deg2rad([60.0, 60.0, 30.0, 40.0, 30.0])
     commands = [

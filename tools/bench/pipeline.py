@@ -15,6 +15,7 @@ from frame import Frame, InC
 from measured import ROUNDS, Measured, cold, in_turn, row
 
 import tci
+from tci.gate import Gate
 from tci.lab.authoring.dense_skin import with_dense_skin
 from tci.messages import Command, GenericCommand, JointReading, Mode, Perception, Reading, SkinFrame
 from tci.robot.description import Robot
@@ -121,7 +122,7 @@ class Pipeline:
         self.robot = with_dense_skin(tci.load_robot("icub"), max(taxels, 9 * patches), patches=patches)
         self.body = tci.GenericBody(self.robot)
         self.perceiver = tci.Perceiver(self.body)
-        self.gate = tci.Gate(self.robot, period=PERIOD, stale_after=0.1)
+        self.gate = Gate(self.robot, period=PERIOD, stale_after=0.1)
         self.capability = Swinging(self.robot, every)
         self.memory = self.capability.init(self.body)
         self.warm_up = WarmUp(self.body, self.gate)

@@ -20,7 +20,7 @@ import numpy as np
 from tci.errors import TciError
 from tci.messages.clock import MonotonicClock, ticks
 from tci.runtime.loop_report import Histogram
-from tci.runtime.real_time import real_time
+from tci.runtime.priority import real_time
 
 PERIOD = 0.001
 

@@ -14,7 +14,7 @@ from row import Row
 
 from tci.errors import TciError
 from tci.runtime.heartbeat import Listener
-from tci.runtime.real_time import real_time
+from tci.runtime.priority import real_time
 
 PAUSE = 0.01
 """If the time [s] between two checks exceeds this value, the machine causes the delay, not TCI. Such a trial

@@ -26,7 +26,7 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2] / "tes
 
 import tci
 from tci.errors import DriverError, TciError
-from tci.runtime.real_time import real_time
+from tci.runtime.priority import real_time
 
 SERVO, SPEED, STILL = "LElbowRoll", 0.3, 1e-6
 PR_SET_PDEATHSIG = 1

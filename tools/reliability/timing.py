@@ -24,14 +24,15 @@ from tci.capabilities.fields import default_fields
 from tci.drivers.driver import Driver
 from tci.drivers.info import DriverInfo
 from tci.errors import TciError
-from tci.messages import Reading, SkinFrame
+from tci.gate import SafeCommand
+from tci.messages import JointReading, Reading, SkinFrame
 from tci.messages.clock import MonotonicClock
 from tci.messages.frames import frozen
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.joint_map import initial_position
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import Histogram, LoopReport
-from tci.runtime.real_time import real_time
+from tci.runtime.priority import real_time
 from tci.skin.skin import Skin
 
 BARE = Path(__file__).parent / "bare_loop.py"
@@ -90,9 +91,9 @@ class Touched(Driver):
         values[pressed] = values[pressed].astype(int) + 60 * np.sign(patch.sensor.pascal_per_count)
         return patch.name, values
 
-    def _joints(self, now: float) -> tci.JointReading:
+    def _joints(self, now: float) -> JointReading:
         self.count += 1
-        return tci.JointReading(now, self.count, self.angles.copy(), np.zeros(len(self.angles)))
+        return JointReading(now, self.count, self.angles.copy(), np.zeros(len(self.angles)))
 
     def _receive(self) -> Reading:
         self.busy = time.thread_time()
@@ -107,7 +108,7 @@ class Touched(Driver):
             self._frames = tuple(SkinFrame(n, stamp, number, frozen(v.copy())) for n, v in felt.items())
         return Reading(self._joints(now), self._frames)
 
-    def _send(self, safe: tci.SafeCommand) -> None:
+    def _send(self, safe: SafeCommand) -> None:
         self.angles[safe.servos] = safe.position
 
     def _close(self) -> None:

@@ -3,3 +3,35 @@
 The withdrawal reflex responds to the force and place of a touch (eqs 5-7). Other capabilities yield to a
 touch, stop the robot, play gestures, or combine behaviours in a tree.
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tci.support.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from tci.capabilities.body_withdrawal import BodyWithdrawal as BodyWithdrawal
+    from tci.capabilities.capability import Capability as Capability
+    from tci.capabilities.contact_stop import ContactStop as ContactStop
+    from tci.capabilities.contact_stop import StopMemory as StopMemory
+    from tci.capabilities.fields import BodyField as BodyField
+    from tci.capabilities.fields import BodyFields as BodyFields
+    from tci.capabilities.fields import ForceRange as ForceRange
+    from tci.capabilities.fields import ReceptiveField as ReceptiveField
+    from tci.capabilities.fields import default_fields as default_fields
+    from tci.capabilities.fields import load_fields as load_fields
+    from tci.capabilities.light_grasp import Grip as Grip
+    from tci.capabilities.light_grasp import LightGrasp as LightGrasp
+    from tci.capabilities.play_gesture import GestureMemory as GestureMemory
+    from tci.capabilities.play_gesture import Phase as Phase
+    from tci.capabilities.play_gesture import PlayGesture as PlayGesture
+    from tci.capabilities.soft_reaction import Posture as Posture
+    from tci.capabilities.soft_reaction import SoftReaction as SoftReaction
+    from tci.capabilities.withdrawal import Answer as Answer
+    from tci.capabilities.withdrawal import WithdrawalReflex as WithdrawalReflex
+    from tci.capabilities.withdrawal_memory import Refusal as Refusal
+    from tci.capabilities.withdrawal_memory import Withdrawal as Withdrawal
+    from tci.capabilities.withdrawal_memory import Withdrawals as Withdrawals
+else:
+    __all__, __getattr__, __dir__ = lazy_names(__name__)

@@ -33,6 +33,8 @@ with needs("a behaviour tree", "behaviours"):
     from py_trees.behaviour import Behaviour
     from py_trees.common import Status
 
+__all__ = ["BehaviourTree", "Reflex", "Task"]
+
 
 class Leaf(Behaviour):
     """A leaf of a tree that runs a capability. If the leaf is interrupted, the memory of the capability stays

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import inspect
-import os
 from collections.abc import Callable, Iterable
 from importlib.metadata import entry_points
 from typing import Any
 
-from tci.capabilities.orders import named
 from tci.drivers.combined import CombinedDriver
 from tci.drivers.combined_server import JOIN, CombinedServer
 from tci.drivers.driver import Driver
 from tci.drivers.server import Server
 from tci.errors import DriverError, TciError, UnknownNameError
-from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
+from tci.robot.like import RobotLike, as_robot
 from tci.support.installed import needs
 
 DRIVERS = "tci.drivers"
@@ -49,23 +47,7 @@ def load_server(name: str) -> Callable[..., Server]:
     return factory
 
 
-def as_robot(given: object) -> Robot:
-    """Returns `given` if `given` is a robot. Loads and returns the robot if `given` is a name or path.
-
-    Raises TciError if `given` is anything else, and the errors of `load_robot`.
-    """
-    if isinstance(given, Robot):
-        return given
-    if isinstance(given, str | os.PathLike):
-        return load_robot(given)
-    raise TciError(
-        f"connect: {named(given)} in place of a robot; valid: tci.load_robot('nao'), or its name 'nao'"
-    )
-
-
-def connect(
-    robot: Robot | str | os.PathLike[str], via: str = "sim", *, arm: bool | None = None, **options: Any
-) -> Driver:
+def connect(robot: RobotLike, via: str = "sim", *, arm: bool | None = None, **options: Any) -> Driver:
     """Opens a driver of `robot`, which may also be the name or path of a robot description.
 
     - `via` is "sim", or "NAME:ADDRESS" for drivers that need an address. With "DRIVER + DRIVER" the first

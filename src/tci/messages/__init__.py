@@ -1,4 +1,4 @@
-"""All messages between layers: frozen, with read-only arrays, in SI units and radians.
+"""All messages between layers: frozen, with read-only arrays, in SI units and radians; and clocks.
 
 Data flows one way (docs/architecture.md):
 
@@ -13,6 +13,7 @@ Data flows one way (docs/architecture.md):
 
 from __future__ import annotations
 
+from tci.messages.clock import Clock, ManualClock, MonotonicClock, ticks
 from tci.messages.commands import (
     CartesianCommand,
     Command,
@@ -32,6 +33,7 @@ from tci.messages.readings import JointReading, Reading, SkinFrame
 __all__ = [
     "CONTROL_MODES",
     "CartesianCommand",
+    "Clock",
     "Command",
     "Contact",
     "Contacts",
@@ -39,7 +41,9 @@ __all__ = [
     "JointReading",
     "Landmark",
     "LimbPlace",
+    "ManualClock",
     "Mode",
+    "MonotonicClock",
     "Order",
     "Perception",
     "PlatformCommand",
@@ -51,4 +55,5 @@ __all__ = [
     "SkinState",
     "Support",
     "SwitchMode",
+    "ticks",
 ]

@@ -3,3 +3,17 @@
 A world contains one robot with its servos and taxels, and a simulated finger that pokes the robot. Drivers
 connect to a world as to a real robot.
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tci.support.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from tci.simulation.finger import Finger as Finger
+    from tci.simulation.imperfection import Imperfection as Imperfection
+    from tci.simulation.touch import ContactTruth as ContactTruth
+    from tci.simulation.world import World as World
+else:
+    __all__, __getattr__, __dir__ = lazy_names(__name__)

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
-from tci.testing.touched_robot import PERIOD, TouchedRobot, perception
+from typing import TYPE_CHECKING
 
-__all__ = ["PERIOD", "TouchedRobot", "perception"]
+from tci.support.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from tci.testing.touched_robot import TouchedRobot as TouchedRobot
+    from tci.testing.touched_robot import perception as perception
+else:
+    __all__, __getattr__, __dir__ = lazy_names(__name__)

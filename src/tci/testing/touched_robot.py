@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 
 import numpy as np
@@ -14,9 +13,9 @@ from tci.body.posture import to_platform
 from tci.errors import CommandError, UnknownNameError
 from tci.messages import GenericCommand, JointReading, Mode, Perception, Reading, SkinFrame
 from tci.messages.frames import Array, read_only
-from tci.robot.catalogue import load_robot
-from tci.robot.description import Patch, Robot
+from tci.robot.description import Patch
 from tci.robot.joint_map import initial_position
+from tci.robot.like import RobotLike, as_robot
 from tci.skin.kernels.contacts import fill_around
 from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface
@@ -30,7 +29,7 @@ taxel."""
 
 
 def perception(
-    robot: Robot | str | os.PathLike[str],
+    robot: RobotLike,
     touch: str | None = None,
     *,
     taxel: int | None = None,
@@ -53,16 +52,14 @@ class TouchedRobot:
     perception to the next.
     """
 
-    def __init__(
-        self, robot: Robot | str | os.PathLike[str], *, posture: Mapping[str, ArrayLike] | None = None
-    ) -> None:
+    def __init__(self, robot: RobotLike, *, posture: Mapping[str, ArrayLike] | None = None) -> None:
         """Sets the generic angles (n,) [rad] of the parts in `posture`, by name; all other parts are in their
         initial posture.
 
         Raises UnknownNameError for an unknown part, CommandError for a posture of another shape, and the
         errors of `load_robot`.
         """
-        self.robot = robot if isinstance(robot, Robot) else load_robot(robot)
+        self.robot = as_robot(robot)
         self.body = GenericBody(self.robot)
         """The generic body of the robot."""
         self._perceiver = Perceiver(self.body)

@@ -17,6 +17,7 @@ from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
 from tci.capabilities.fields import BodyField, default_body_fields
 from tci.drivers.driver import Driver
 from tci.drivers.info import DriverInfo
+from tci.errors import Reason
 from tci.gate.gate import GateSettings, GateState
 from tci.gate.safe_command import SafeCommand
 from tci.lab.faults.fault_injector import FaultInjector, FaultPlan
@@ -111,7 +112,7 @@ class Counted(tci.Capability[BodyMemory]):
         self.answers += [(perception.stamp, part) for part in after if part not in memory]
         return orders, after
 
-    def fault(self, perception: Perception, body: GenericBody) -> tci.Reason | None:
+    def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
         return self.reflex.fault(perception, body)
 
 

@@ -25,7 +25,7 @@ from tci.errors import DriverError
 from tci.messages import CONTROL_MODES, Order, PlatformCommand
 from tci.robot.description import Robot
 from tci.runtime.loop import Tick, run
-from tci.runtime.real_time import real_time_where_permitted
+from tci.runtime.priority import real_time_where_permitted
 from tci.runtime.serve import serve
 from tci.simulation.world import World
 

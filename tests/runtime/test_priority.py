@@ -9,7 +9,7 @@ from contextlib import suppress
 import pytest
 
 from tci.errors import TciError
-from tci.runtime.real_time import PRIORITY, real_time, real_time_where_permitted
+from tci.runtime.priority import PRIORITY, real_time, real_time_where_permitted
 
 
 def now() -> tuple[int, int, set[int]]:

@@ -96,10 +96,10 @@ def test_26_a_forked_child_does_not_command_beside_its_parent(folder: Path) -> N
     driver = SimulatedDriver(tci.load_robot("nao"))
 
     def write() -> None:
-        driver.write(driver.gate.step((), driver.read().joints, driver.clock.now()))
+        send(driver.gate.step((), driver.read().joints, driver.clock.now()))
 
     read_end, write_end = os.pipe()
-    with driver.commanding():
+    with driver.commanding() as send:
         child = os.fork()
         if child == 0:
             try:
@@ -113,7 +113,8 @@ def test_26_a_forked_child_does_not_command_beside_its_parent(folder: Path) -> N
         with os.fdopen(read_end) as said:
             assert f"process {os.getpid()}, which this one was forked from; valid: a driver" in said.read()
         write()
-        with pytest.raises(DriverError, match=f"commanded by process {os.getpid()}"), driver.commanding():
+        taken = pytest.raises(DriverError, match=f"commanded by process {os.getpid()}")
+        with taken, lease(driver.info.lease_name):
             pytest.fail("the child's end gave the lease away")
 
 
@@ -136,8 +137,8 @@ def test_26_without_file_locks_nothing_is_commanded(folder: Path, monkeypatch: p
         "two programs from commanding one robot; valid here: simulated robots and recordings$"
     )
     driver = SimulatedDriver(tci.load_robot("nao"))
-    with driver.commanding():
-        driver.write(driver.gate.step((), driver.read().joints, driver.clock.now()))
+    with driver.commanding() as write:
+        write(driver.gate.step((), driver.read().joints, driver.clock.now()))
 
 
 @pytest.mark.parametrize("make", [
@@ -176,8 +177,8 @@ def test_26_who_is_quicker_than_the_holder_of_a_removed_file_commands_alone(
     folder: Path, whole_folder: bool
 ) -> None:
     driver = SimulatedDriver(tci.load_robot("nao"))
-    with driver.commanding():
-        safe = driver.write(driver.gate.step((), driver.read().joints, driver.clock.now()))
+    with driver.commanding() as write:
+        safe = write(driver.gate.step((), driver.read().joints, driver.clock.now()))
         if whole_folder:
             folder.rename(folder.with_name("elsewhere"))
         else:
@@ -188,7 +189,7 @@ def test_26_who_is_quicker_than_the_holder_of_a_removed_file_commands_alone(
                 with pytest.raises(
                     DriverError, match=rf"commanded by process {os.getpid()} \(this process\) already"
                 ):
-                    driver.write(safe)
+                    write(safe)
             second.check()
 
 
@@ -259,10 +260,10 @@ def test_26_the_lease_of_a_simulation_is_checked_without_its_file(
         looks.append(path)
         return look(path)
 
-    with driver.commanding():
+    with driver.commanding() as write:
         monkeypatch.setattr("os.lstat", counted)
         for _ in range(3):
-            driver.write(driver.gate.step((), driver.read().joints, driver.clock.now()))
+            write(driver.gate.step((), driver.read().joints, driver.clock.now()))
         monkeypatch.undo()
     assert not looks
 

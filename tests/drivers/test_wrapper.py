@@ -99,6 +99,7 @@ def test_each_member_of_a_driver_has_its_check() -> None:
     hidden = {name for name in vars(Driver) if name.startswith("_") and callable(getattr(Driver, name))}
     own = {
         "_check_open",
+        "_leased",
         "_may_write",
         "_release",
         *(name for name in hidden if name.startswith("__")),

@@ -7,7 +7,7 @@ import gc
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
@@ -37,9 +37,18 @@ from tci.messages import (
 )
 from tci.reasons import Code, Reason
 from tci.robot.joint_map import initial_position
-from tci.runtime.loop import MISSED, PERSISTS, REST, Tick, _Loop, run
+from tci.runtime.control import PERSISTS, REST, Control
+from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import FINEST, Histogram, LoopReport
-from tci.runtime.watchdogs import LEAST_SILENCE, frozen_garbage, interruptions
+from tci.runtime.moment import Moment
+from tci.runtime.watchdogs import (
+    LEAST_SILENCE,
+    MISSED,
+    frozen_garbage,
+    interruptions,
+    missed_periods,
+    usual_watchdogs,
+)
 from tci.simulation.world import World
 from tci.skin import ConditioningSettings
 
@@ -314,7 +323,7 @@ def test_a_robot_that_does_not_come_to_rest_is_not_waited_for(
 ) -> None:
     """The loop normally waits up to `REST` for rest and up to `REST` for the end of a hold. Here `REST` is
     0."""
-    monkeypatch.setattr("tci.runtime.loop.REST", 0.0)
+    monkeypatch.setattr("tci.runtime.control.REST", 0.0)
     report = LoopReport()
     run(driver, Spin(), duration=0.1, report=report)
     assert (report.ended, report.cut_short) == ("done", True)
@@ -732,32 +741,30 @@ def test_the_report_as_json_has_every_figure_under_its_name() -> None:
 BEGIN = 10.0007
 
 
-def timed(driver: SimulatedDriver) -> tuple[_Loop[int], LoopReport]:
-    """Returns a loop whose first period begins at `BEGIN`."""
-    report = LoopReport()
-    loop = _Loop(driver, Still(), tci.GenericBody(driver.robot), None, None, report, True)
-    loop.begin(BEGIN)
-    return loop, report
+def timed(driver: SimulatedDriver, periods: Sequence[float]) -> tuple[list[Moment], LoopReport]:
+    """Begins at `BEGIN`, and then wakes at each of `periods` after it. Returns what it observed."""
+    report, period = LoopReport(), driver.period
+    driver.world.advance(BEGIN)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(driver.clock, "now", lambda: BEGIN)
+        times = [BEGIN + number * period for number in periods]
+        patched.setattr(driver, "ticks", lambda **_: iter(times))
+        return [*Control(driver, report=report).periods()], report
 
 
 def test_41_what_was_missed_is_counted_gap_by_gap_and_told_with_its_code(driver: SimulatedDriver) -> None:
-    (loop, report), period = timed(driver), driver.period
-    told = [loop._timing(BEGIN + number * period) for number in (2.5, 3.0, 4.0, 6.0, 10.0, 13.25, 17.0)]
-    words = [f"the loop missed {count} periods" for count in (3, 3)]
-    assert told == [None] * 4 + [Reason(Code.PERIODS_MISSED, words[0]), None] + [
-        Reason(Code.PERIODS_MISSED, words[1])
-    ]
+    moments, report = timed(driver, (2.5, 3.0, 4.0, 6.0, 10.0, 13.25, 17.0))
+    words = Reason(Code.PERIODS_MISSED, "the loop missed 3 periods")
+    assert [missed_periods(moment) for moment in moments] == [None] * 4 + [words, None, words]
     assert (report.overruns, report.missed) == (4, 1 + 3 + 2 + 3)
-    assert report.lateness.counts.sum() == len(told)
-    assert report.lateness.largest == pytest.approx(0.5 * period, rel=1e-3)
+    assert report.lateness.counts.sum() == len(moments)
+    assert report.lateness.largest == pytest.approx(0.5 * driver.period, rel=1e-3)
 
 
 def test_41_lateness_is_counted_from_the_beginning_of_the_period(driver: SimulatedDriver) -> None:
-    (loop, report), period = timed(driver), driver.period
-    for number in range(5):
-        loop._timing(BEGIN + (number + 0.25) * period)
-    assert report.lateness.largest == pytest.approx(0.25 * period, rel=1e-3)
-    assert report.lateness.quantile(0.5) == pytest.approx(0.25 * period, rel=0.05)
+    _, report = timed(driver, [number + 0.25 for number in range(5)])
+    assert report.lateness.largest == pytest.approx(0.25 * driver.period, rel=1e-3)
+    assert report.lateness.quantile(0.5) == pytest.approx(0.25 * driver.period, rel=0.05)
 
 
 def test_times_above_the_finest_one_are_told_apart() -> None:
@@ -868,8 +875,8 @@ def test_skin_that_is_sent_only_when_it_changes_is_waited_for(
     driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(driver, "info", replace(driver.info, keep_alive=2.0))
-    loop = _Loop(driver, Still(), tci.GenericBody(driver.robot), None, None, LoopReport(), True)
+    _, silence, _ = usual_watchdogs(driver)
     joints, frame = driver.read().joints, SkinFrame(driver.robot.patches[0].name, 0.0, 0, np.zeros(4))
-    assert loop._silence.fault(Reading(joints, (frame,)), 0.0) is None
-    assert loop._silence.fault(Reading(joints, ()), 5.9) is None
-    assert loop._silence.fault(Reading(joints, ()), 6.1)
+    assert silence(Moment(0.0, Reading(joints, (frame,)))) is None
+    assert silence(Moment(5.9, Reading(joints, ()))) is None
+    assert silence(Moment(6.1, Reading(joints, ())))

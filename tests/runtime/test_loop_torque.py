@@ -14,7 +14,8 @@ from tci.errors import DriverError
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import Mode, Perception, PlatformCommand, PlatformOrder, PlatformSwitch, Reading
 from tci.messages.frames import read_only
-from tci.runtime.loop import REST, Tick, run
+from tci.runtime.control import REST
+from tci.runtime.loop import Tick, run
 from tci.simulation.world import World
 
 ROBOT = tci.load_robot("icub")

@@ -20,7 +20,6 @@ from tci.lab.authoring.dense_skin import with_dense_skin
 from tci.messages import Command, GenericCommand, JointReading, Mode, Perception, Reading, SkinFrame
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
-from tci.runtime.warm_up import WARM_UP, WarmUp
 from tci.skin.conditioning import Conditioner
 from tci.skin.layout import SkinLayout
 from tci.skin.send_on_delta import HoldLast
@@ -125,7 +124,6 @@ class Pipeline:
         self.gate = Gate(self.robot, period=PERIOD, stale_after=0.1)
         self.capability = Swinging(self.robot, every)
         self.memory = self.capability.init(self.body)
-        self.warm_up = WarmUp(self.body, self.gate)
         self.frames = touched(self.robot, contacts, dtype=dtype, towards=towards)
         self.position = np.array(initial_position(self.robot))
         self.every, self.count = every, 0
@@ -152,8 +150,7 @@ class Pipeline:
         return safe
 
     def rare(self) -> float:
-        """Returns the median time [us] of the frames that have a new command. As in `tci.run`, the spare time
-        of other frames is used for warm-ups, which are not timed."""
+        """Returns the median time [us] of the frames that have a new command."""
         times = []
         while len(times) < SEEN:
             timed = (self.count + 1) % self.every == 0
@@ -161,8 +158,6 @@ class Pipeline:
             self()
             if timed:
                 times.append(time.thread_time() - begin)
-            elif self.count % WARM_UP == 0:
-                self.warm_up.step()
         return 1e6 * statistics.median(times)
 
 

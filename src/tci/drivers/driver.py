@@ -12,6 +12,7 @@ from weakref import finalize
 
 import numpy as np
 
+from tci.drivers.commander import Baton
 from tci.drivers.diagnosis import Finding
 from tci.drivers.info import DriverInfo
 from tci.drivers.lease import Lease, has_locks, held, lease
@@ -20,6 +21,8 @@ from tci.gate.gate import Gate, SafeCommand
 from tci.messages import JointReading, Mode, PlatformCommand, Reading
 from tci.messages.clock import Clock, ticks
 from tci.robot.description import Robot, Servo
+
+Write = Callable[[SafeCommand], SafeCommand]
 
 
 class Driver(ABC):
@@ -35,6 +38,7 @@ class Driver(ABC):
         self.info = info
         """Facts about the connection. Only the constructor of a driver may replace them."""
         self._open = True
+        self._baton = Baton(info.robot.name)
         self._lease: Lease | None = None
         self._check_lease: Callable[[], None] | None = None
 
@@ -116,7 +120,7 @@ class Driver(ABC):
 
         The first call acquires the lease on a real robot, and `close` releases it. Raises DriverError in
         these cases: the driver is closed or not armed; the command is not the latest command of the gate, or
-        has already been sent; another process commands the robot.
+        has already been sent; another process, or another part of this program, commands the robot.
         """
         self._check_open()
         if not self.armed:
@@ -124,18 +128,26 @@ class Driver(ABC):
                 f"the connection to {self.robot.name} is read-only; connect with arm=True (--arm) to move it"
             )
         self._may_write()
+        self._baton.check()
         self.gate.check_out(safe)
         self._send(safe)
         return safe
 
     @contextmanager
-    def commanding(self) -> Iterator[None]:
-        """Acquires the lease on the robot at the start of the `with` block and releases it at the end.
+    def commanding(self, who: str = "another part of this program") -> Iterator[Write]:
+        """The right to command the robot, inside the `with` block: takes the lease, and yields the only
+        `write` that still works. `driver.write`, a second `run` or another `commanding` are refused
+        meanwhile, in every thread, with an error that names `who`.
 
-        A lease that an earlier `write` acquired is kept. `write` checks the lease at each call. On a system
-        without file locks, simulations and recordings need no lease. Raises DriverError if another process
-        commands the robot, or if the lease's file can't be locked.
+        A lease that an earlier `write` acquired is kept. Each write checks the lease. On a system without
+        file locks, simulations and recordings need no lease. Raises DriverError if somebody else commands the
+        robot, or if the lease's file can't be locked.
         """
+        with self._baton.taken(who), self._leased():
+            yield lambda safe: self._baton.passed(self.write, safe)
+
+    @contextmanager
+    def _leased(self) -> Iterator[None]:
         if self.info.harmless and not has_locks():
             yield
             return

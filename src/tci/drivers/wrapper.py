@@ -23,7 +23,7 @@ class DriverWrapper(Driver):
         """Wraps `inner`; `changed` contains the fields of `DriverInfo` whose values differ from those of
         `inner`."""
         super().__init__(replace(inner.info, **changed))
-        self.inner = inner
+        self.inner, self._baton = inner, inner._baton
 
     def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:
         return self.inner.ticks(duration=duration, start=start)

@@ -24,7 +24,6 @@ from tci.gate.immovable import Immovable
 from tci.gate.joint_monitor import Reference
 from tci.gate.kernels.targets import INVALID, is_far_off
 from tci.gate.settings import GateSettings, Tally
-from tci.gate.spare_motion import SpareMotion
 from tci.gate.speeds import Slope, Speeds
 from tci.gate.torque import TorqueLimiter
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
@@ -71,7 +70,6 @@ class Motion:
         self._immovable = Immovable(robot)
         self._shares = np.zeros(len(robot.servos))
         self._none = frozen(np.zeros(0))
-        SpareMotion(robot, period=period, speed_share=settings.speed_share).step()
 
     @property
     def modes(self) -> list[Mode]:

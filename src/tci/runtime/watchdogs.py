@@ -8,18 +8,26 @@ import gc
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 import numpy as np
 
+from tci.drivers.driver import Driver
 from tci.messages import Contacts, JointReading, Reading
 from tci.messages.clock import Clock
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
+from tci.runtime.moment import Moment
 
+Watchdog = Callable[[Moment], Reason | None]
+"""Asked in each period of a loop; returns a reason to hold the robot in this period, or None."""
+
+MISSED = 3
+"""Least number of successive missed periods at which the robot holds: without real-time priority, a few are
+normal."""
 PERIODS = 3.0
 """Number of frame periods without a frame after which a patch counts as silent. Assumed: one or two
 successive frames may be lost."""
@@ -57,6 +65,25 @@ def attentive() -> Iterator[None]:
         yield
     finally:
         sys.setswitchinterval(before)
+
+
+def usual_watchdogs(driver: Driver) -> tuple[Watchdog, ...]:
+    """The watchdogs of a robot that touches move: missed periods, skin or torques that have gone silent, and
+    joint torques that no touch explains."""
+    robot, info = driver.robot, driver.info
+    skin = SkinWatchdog(robot, stale_after=driver.gate.stale_after, keep_alive=info.keep_alive)
+    return (
+        missed_periods,
+        lambda moment: skin.fault(moment.reading, moment.now),
+        lambda moment: implausible_force(moment.perception.contacts) if moment.perception else None,
+    )
+
+
+def missed_periods(moment: Moment) -> Reason | None:
+    """Holds the robot after `MISSED` or more missed periods."""
+    if moment.missed < MISSED:
+        return None
+    return Reason(Code.PERIODS_MISSED, f"the loop missed {moment.missed} periods")
 
 
 class SkinWatchdog:

@@ -13,9 +13,9 @@ import pytest
 import typer
 
 from helpers import ROOT
+from helpers.printed import words_of
 from helpers.public_names import public_objects
 from tci.cli.main import app
-from test_examples import words_of
 
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.glob("*.md"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import runpy
 import subprocess
 import sys
@@ -12,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from helpers import ROOT
+from helpers.printed import words_of
 
 README = (ROOT / "README.md").read_text()
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
@@ -65,8 +65,3 @@ def test_the_five_lines_of_the_readme_are_the_first_example() -> None:
     program = README.split("```python\n")[1].split("```")[0]
     assert EXAMPLES[0].read_text().split('"""\n\n', 1)[1] == program
     assert len([line for line in program.splitlines() if line]) <= 5
-
-
-def words_of(text: str) -> str:
-    """Replaces each number in a text by 0, because the last digits differ between processors."""
-    return re.sub(r"\d+(\.\d+)?", "0", text)

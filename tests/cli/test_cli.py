@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import io
 import json
-import signal
 import subprocess
 import sys
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import pytest
 
-from tci.cli.console import console
+from helpers.command_line import tci
 from tci.cli.demo import _touches
-from tci.cli.main import main
 from tci.exports.facts import query, read_facts
 from tci.lab.experiments.same_touch import SameTouch
 from tci.robot.catalogue import load_robot
@@ -25,21 +21,6 @@ LISTING = """<generic_robot angle_unit="deg">
   </generic_robot_part>
 </generic_robot>
 """
-
-
-def tci(*arguments: str, status: int = 0) -> str:
-    """Runs a command in this process, because the start of Python and the loading of kernels take longer than
-    most commands."""
-    out, err = io.StringIO(), io.StringIO()
-    before = signal.getsignal(signal.SIGTERM)
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
-        patch.setattr(sys, "argv", ["tci", *arguments])
-        patch.setattr(console, "width", 200)  # otherwise line breaks depend on the length of a folder name
-        with pytest.raises(SystemExit) as ended:
-            main()
-    signal.signal(signal.SIGTERM, before)
-    assert (ended.value.code or 0) == status, out.getvalue() + err.getvalue()
-    return out.getvalue() if status == 0 or out.getvalue() else err.getvalue()
 
 
 def process(*arguments: str) -> str:

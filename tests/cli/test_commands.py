@@ -13,7 +13,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from cli.test_cli import tci
+from helpers.command_line import tci
 from helpers.recorded import LIKE_LISTING_2
 from tci import GenericBody, cli, load_robot
 from tci.cli.check import check

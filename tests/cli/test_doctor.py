@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from cli.test_cli import tci
+from helpers.command_line import tci
 from helpers.served import Served, needs_qi
 
 

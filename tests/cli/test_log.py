@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from typer.testing import CliRunner
 
-from cli.test_cli import tci
+from helpers.command_line import tci
 from tci.cli.main import app
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.recording.recorder import Recorder

@@ -6,7 +6,7 @@ import json
 import shutil
 from pathlib import Path
 
-from cli.test_cli import tci
+from helpers.command_line import tci
 from tci.robot.xml import read_robot
 from tci.robot.xml.model import packaged
 

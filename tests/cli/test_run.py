@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import tci
-from cli.test_cli import tci as told_by
+from helpers.command_line import tci as told_by
 from tci.body.generic_body import GenericBody
 from tci.cli.run import run_capability
 from tci.drivers.driver import Driver

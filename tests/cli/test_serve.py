@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import pytest
 
 import tci
-from runtime.test_serve import Desk, turn_head
+from helpers.desk import Desk, turn_head
 from tci.cli.serve import serve
 from tci.drivers import registry
 from tci.drivers.simulated import SimulatedDriver

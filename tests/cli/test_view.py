@@ -12,7 +12,7 @@ from pathlib import Path
 
 from matplotlib.image import imread
 
-from cli.test_cli import tci
+from helpers.command_line import tci
 from helpers.recorded import record_poke
 
 

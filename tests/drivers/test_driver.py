@@ -1,5 +1,5 @@
 """Contract that every driver must fulfil. A new middleware adds the program for the other end of its
-connection to `PEERS` in `drivers/wires.py`."""
+connection to `PEERS` in `helpers/wire_peers.py`."""
 
 from __future__ import annotations
 

@@ -13,60 +13,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import tci
+from helpers.remote_messages import COUNT, FRAME, NAO, ORDERS, READ, STATE, WHOLE, plain
 from tci.drivers.remote.commanders import CommandArbiter
 from tci.drivers.remote.encoding import (
     ENVELOPE,
-    frame_bytes,
     orders_bytes,
     seal,
     state_bytes,
     to_orders,
-    to_skin,
     to_state,
 )
-from tci.drivers.remote.protocol import MOST_COMMANDERS, MOST_WORDS, Commander, Orders, SessionFrame, State
+from tci.drivers.remote.protocol import MOST_COMMANDERS, MOST_WORDS, Commander
 from tci.errors import FrameError
 from tci.gate.gate import Gate
-from tci.messages import JointReading, Mode, PlatformCommand, PlatformSwitch, SkinFrame
+from tci.messages import JointReading, Mode, PlatformSwitch
 from tci.reasons import Code, Reason
 from tci.robot.joint_map import initial_position
-
-NAO = tci.load_robot("nao")
-COUNT = len(NAO.servos)
-JOINTS = JointReading(
-    3.5, 70, np.linspace(-1, 1, COUNT), np.zeros(COUNT), np.ones(COUNT),
-    (Mode.POSITION, None) * (COUNT // 2), np.arange(COUNT) % 2 == 0,
-)  # fmt: skip
-STATE = State(
-    11,
-    12,
-    100.25,
-    3.5,
-    JOINTS,
-    "hold",
-    Reason(Code.JOINTS_STALE, "why"),
-    (Commander(5, "a", 6, 2, Reason(Code.OTHER_COMMANDER, "because")), Commander(7, "b", 1, 0, None)),
-)
-FRAME = SessionFrame(11, SkinFrame("left_forearm", 3.25, 9, np.arange(240, dtype=np.uint8)))
-ORDERS = Orders(
-    11, 100.25, 5, "a", 8, None, False, 3,
-    (
-        PlatformCommand(Mode.POSITION, np.array([2, 3]), np.array([0.5, -0.5]), np.array([1.0, np.inf])),
-        PlatformSwitch(np.array([4]), Mode.TORQUE),
-    ),
-)  # fmt: skip
-WHOLE = {"S": state_bytes(NAO, STATE), "F": frame_bytes(NAO, FRAME), "O": orders_bytes(NAO, ORDERS)}
-READ = {"S": to_state, "F": to_skin, "O": to_orders}
-
-
-def plain(value: object) -> object:
-    """Converts dataclasses and arrays to tuples, which can be compared."""
-    if dataclasses.is_dataclass(value):
-        return type(value), tuple(plain(getattr(value, f.name)) for f in dataclasses.fields(value))
-    if isinstance(value, np.ndarray):
-        return value.dtype.kind, tuple(value.tolist())
-    return tuple(map(plain, value)) if isinstance(value, tuple) else value
 
 
 @pytest.mark.parametrize(("kind", "before"), [("S", STATE), ("F", FRAME), ("O", ORDERS)])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from cli.test_cli import tci
+from helpers.command_line import tci
 from tci.drivers.registry import connect
 from tci.errors import DescriptionError, RecordingError, TciError
 from tci.recording.arrays import LARGEST, import_arrays

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cli.test_cli import tci
+from helpers.command_line import tci
 from helpers.skin_data import SkinData
 from tci.recording.contact_list import import_contact_list
 from tci.recording.recording import Recording

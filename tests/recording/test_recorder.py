@@ -13,7 +13,7 @@ import pytest
 from helpers import TESTS
 from helpers.recorded import equal_readings, made_up, record_poke, two_parts
 from helpers.small_robot import build
-from robot.test_xml import GOOD
+from helpers.xml_sample import GOOD
 from tci.errors import RecordingError
 from tci.gate.gate import Gate
 from tci.messages import JointReading, Mode, PlatformCommand, Reading, SkinFrame

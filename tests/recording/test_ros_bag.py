@@ -14,7 +14,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from cli.test_cli import tci
+from helpers.command_line import tci
 from helpers.recorded import record_poke, two_parts
 from tci.errors import RecordingError
 from tci.messages import Reading

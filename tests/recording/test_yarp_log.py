@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.test_cli import tci
+from helpers.command_line import tci
 from helpers.skin_data import SkinData
 from tci.errors import RecordingError, TciError
 from tci.recording.recording import Recording

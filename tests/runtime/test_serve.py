@@ -2,57 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import pytest
 
 import tci
-from tci.drivers.driver import Driver
-from tci.drivers.server import Server
+from helpers.desk import Desk, turn_head
 from tci.drivers.simulated import SimulatedDriver
-from tci.gate.safe_command import SafeCommand
-from tci.messages import GenericCommand, ManualClock, Mode, MonotonicClock, Order, Perception, Reading
+from tci.messages import GenericCommand, ManualClock, Mode, MonotonicClock
 from tci.reasons import Code, Reason
 from tci.runtime.loop import Tick
 from tci.runtime.serve import serve
 from tci.runtime.watchdogs import PILED_UP
-
-
-class Desk(Server):
-    """A server for which the test defines the received orders, by the number of the period in which they
-    arrive."""
-
-    def __init__(self, driver: Driver, orders: dict[int, Sequence[Order]]) -> None:
-        super().__init__(driver)
-        self.plan = orders
-        self.shown: list[SafeCommand] = []
-        self.refused: list[tuple[Order, str]] = []
-        self.reason: Reason | None = None
-
-    def where(self) -> str:
-        return "a desk"
-
-    def orders(self) -> Sequence[Order]:
-        return self.plan.get(len(self.shown), ())
-
-    def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
-        assert reading.joints.position.shape == (len(self.driver.robot.servos),)
-        assert perception.posture
-        self.shown.append(sent)
-
-    def refuse(self, order: Order, reason: Reason) -> None:
-        self.refused.append((order, reason))
-
-    def fault(self) -> Reason | None:
-        return self.reason
-
-    def close(self) -> None:
-        pass
-
-
-def turn_head(angle: float) -> GenericCommand:
-    return GenericCommand("head", Mode.POSITION, np.array([angle, 0.0, 0.0]))
 
 
 @pytest.fixture

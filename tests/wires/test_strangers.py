@@ -15,9 +15,9 @@ import numpy as np
 import psutil
 import pytest
 
-from drivers.test_remote_cdr import JOINTS, NAO, ORDERS
-from drivers.test_remote_driver import Wire
 from helpers.namespaces import Network, needs_namespaces
+from helpers.remote_messages import JOINTS, NAO, ORDERS
+from helpers.remote_wire import Wire
 from helpers.wire_peers import Lcm, lcm_url
 from tci.drivers.remote.commanders import LEASE
 from tci.drivers.remote.protocol import SessionFrame, State

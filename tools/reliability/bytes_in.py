@@ -10,7 +10,7 @@ from fuzz import TARGETS, fuzz
 from pool import Result, gather
 from row import Row
 
-from robot.test_xml import GOOD, damage
+from helpers.xml_sample import GOOD, damage
 from tci.errors import TciError
 from tci.robot.xml import read_robot
 from tci.runtime.heartbeat import decode, encode

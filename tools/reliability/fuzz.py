@@ -38,7 +38,7 @@ def by_file(read: Callable[[Path], object], name: str) -> Target:
 
 def description() -> tuple[Target, Iterable[bytes]]:
     """Robot descriptions in XML."""
-    from robot.test_xml import GOOD
+    from helpers.xml_sample import GOOD
     from tci.robot.xml import read_robot
 
     return by_file(read_robot, "robot.xml"), [GOOD.encode()]

@@ -13,10 +13,10 @@ import psutil
 from pool import Result, gather
 from row import Row
 
-from drivers.test_remote_cdr import NAO, READ, WHOLE
 from helpers.hostile_bottles import strange_messages
 from helpers.mutated import mutated
 from helpers.player_exchange import said
+from helpers.remote_messages import NAO, READ, WHOLE
 from helpers.yarp_captures import DIALECTS, binary
 from tci.errors import DriverError, FrameError
 from tci.recording.rosmsg.cdr import MessageType, decode, encode
@@ -68,8 +68,8 @@ def remote() -> Receiver:
 
 def lcm() -> Receiver:
     """Datagrams of LCM, whole and in fragments, and messages in them with a checksum."""
-    from wires.lcm.test_lcm import WHOLE as MESSAGES
-    from wires.lcm.test_lcm import pieces, short
+    from helpers.lcm_messages import WHOLE as MESSAGES
+    from helpers.lcm_messages import pieces, short
 
     datagrams, numbers = Datagrams(), itertools.count()
 

@@ -12,8 +12,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from cli.test_cli import tci
 from helpers import ROOT
+from helpers.command_line import tci
 from helpers.made_humanoid import MadeHumanoid
 from tci.lab.authoring.proposal import propose
 from tci.lab.commissioning.both_sides import posture_doubts

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.test_cli import tci
+from helpers.command_line import tci
 from tci.errors import TciError
 from tci.lab.authoring.locate_taxels import ProbeTouch, locate_taxels
 from tci.lab.experiments.self_calibration import calibrate_in_simulation

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import tci as package
-from cli.test_cli import tci
+from helpers.command_line import tci
 from tci.capabilities.fields import default_fields
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, RecordingError, UnknownNameError

@@ -17,9 +17,10 @@ import numpy as np
 import pytest
 
 import tci
-from drivers.test_remote_cdr import FRAME, NAO, ORDERS, STATE, plain
+from helpers.lcm_messages import WHOLE, pieces, short
 from helpers.patient import patient
 from helpers.peers import needs_program
+from helpers.remote_messages import NAO, plain
 from helpers.wire_peers import Lcm, lcm_url
 from tci.drivers.driver import Driver
 from tci.errors import DriverError, FrameError
@@ -37,42 +38,18 @@ from tci.wires.lcm.datagrams import (
 )
 from tci.wires.lcm.driver import LcmDriver
 from tci.wires.lcm.encoding import (
-    frame_bytes,
-    orders_bytes,
-    state_bytes,
-    to_orders,
-    to_skin,
     to_state,
 )
 from tci.wires.lcm.tci_lcm import orders_t, state_t
 
-TYPES = Path(tci.__file__).parent / "drivers" / "lcm" / "tci_lcm"
-WHOLE = [
-    (to_state, STATE, state_bytes(NAO, STATE)),
-    (to_skin, FRAME, frame_bytes(NAO, FRAME)),
-    (to_orders, ORDERS, orders_bytes(NAO, ORDERS)),
-]
-
-
-def short(number: int, channel: bytes = b"c", body: bytes = b"body") -> bytes:
-    return b"LC02" + number.to_bytes(4, "big") + channel + b"\0" + body
-
-
-def pieces(number: int, body: bytes, count: int) -> list[bytes]:
-    step = -(-len(body) // count)
-    made = []
-    for place in range(count):
-        head = b"LC03" + number.to_bytes(4, "big") + len(body).to_bytes(4, "big")
-        head += (place * step).to_bytes(4, "big") + place.to_bytes(2, "big") + count.to_bytes(2, "big")
-        made.append(head + (b"c\0" if place == 0 else b"") + body[place * step : (place + 1) * step])
-    return made
+TYPES = Path(tci.__file__).parent / "wires" / "lcm" / "tci_lcm"
 
 
 def test_types_are_those_that_lcm_gen_makes(tmp_path: Path) -> None:
     generator = Path(sys.executable).with_name("lcm-gen")
     options = ["-p", "--package-prefix", "tci.wires.lcm", "--ppath", str(tmp_path)]
     subprocess.run([generator, *options, TYPES / "tci.lcm"], check=True)
-    made = tmp_path / "tci" / "drivers" / "lcm" / "tci_lcm"
+    made = tmp_path / "tci" / "wires" / "lcm" / "tci_lcm"
     assert (
         {file.name for file in made.glob("*_t.py")} == {file.name for file in TYPES.glob("*_t.py")} != set()
     )

@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 
 from helpers.living_nao import LivingNao, cut
+from helpers.naoqi_wait import ROBOT, wait_for
 from helpers.still_nao import StillNao
 from tci.drivers.driver import Driver
 from tci.drivers.registry import connect
 from tci.errors import DriverError
 from tci.gate.gate import GateState, SafeCommand
-from wires.naoqi.test_naoqi_driver import ROBOT, wait_for
 
 
 def is_back(driver: Any, generation: int = 1) -> None:

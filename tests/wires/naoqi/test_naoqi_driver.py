@@ -6,7 +6,6 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,12 +14,12 @@ import numpy as np
 import pytest
 
 from helpers.living_nao import cut
+from helpers.naoqi_wait import PATIENCE, ROBOT, wait_for
 from helpers.served import Served
 from helpers.still_nao import StillNao
 from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
 from tci.drivers.diagnosis import Level
-from tci.drivers.driver import Driver
 from tci.drivers.registry import connect
 from tci.errors import DriverError
 from tci.gate.gate import GateState
@@ -30,20 +29,7 @@ from tci.robot.catalogue import load_robot
 from tci.robot.description import Address, Robot
 from tci.wires.naoqi.words import current_key
 
-ROBOT = load_robot("nao")
 ELBOW = next(servo.index for servo in ROBOT.servos if servo.name == "LElbowRoll")
-PATIENCE = 60.0
-"""Time [s] to wait for results on a busy machine. On an idle machine they arrive immediately."""
-
-
-def wait_for(what: Callable[[], bool], driver: Driver | None = None) -> None:
-    """Waits until a condition is true, and reads `driver` meanwhile."""
-    end = time.monotonic() + PATIENCE
-    while not what():
-        assert time.monotonic() < end, "it never came"
-        if driver is not None:
-            driver.read()
-        time.sleep(0.005)
 
 
 def with_binding(robot: Robot, **changes: Any) -> Robot:

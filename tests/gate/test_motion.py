@@ -162,23 +162,14 @@ def test_a_bad_switch_is_refused(order: PlatformSwitch, words: str) -> None:
     assert words in Driven(ROBOT, ZERO).step(order).refusals[0].text
 
 
-def test_a_switch_in_motion_is_refused_and_the_motion_goes_on() -> None:
-    driven = Driven(ROBOT, ZERO)
-    driven.step(position_command([2], [1.0]))
-    for _ in range(50):
-        driven.step()
-    safe = driven.step(switch([2], Mode.IMPEDANCE))
-    assert [*map(str, safe.refusals)] == ["joint2 is moving; valid: switch to impedance at rest"]
-    driven.settle()
-    assert driven.angles[2] == pytest.approx(1.0, abs=1e-6)
-
-
-def test_a_servo_that_is_moved_by_hand_is_not_switched() -> None:
+def test_a_servo_that_is_moved_by_hand_waits_for_its_switch() -> None:
     gate = Gate(ROBOT, period=PERIOD, stale_after=0.05)
     moving = JointReading(0.0, 0, read_only(ZERO), read_only([0.0, 0.0, 0.2, 0.0, 0.0, 0.0]))
     safe = gate.step([switch([2], Mode.IMPEDANCE), switch([3], Mode.IMPEDANCE)], moving, 0.0)
-    assert len(safe.refusals) == 1
+    assert [reason.names for reason in safe.clamped] == [("joint2",)]
     assert safe.servos.tolist() == [3]
+    safe = gate.step((), reading(ZERO, PERIOD), PERIOD)
+    assert safe.servos.tolist() == [2, 3]
 
 
 @pytest.mark.parametrize("mode", CONTROL_MODES)

@@ -130,7 +130,7 @@ def test_a_coupling_is_kept_beside_a_servo_that_nobody_commands(side: float) -> 
 
 
 @pytest.mark.parametrize("how", ["reference", "measured"])
-def test_a_servo_that_moves_is_not_switched(how: str) -> None:
+def test_a_servo_that_moves_is_not_switched_at_once(how: str) -> None:
     driven, velocity = Driven(ROBOT, ZERO), np.zeros(6)
     if how == "reference":
         driven.step(position_command([2], [1.0]))
@@ -140,10 +140,9 @@ def test_a_servo_that_moves_is_not_switched(how: str) -> None:
         velocity[2] = -0.1
     joints = replace(reading(driven.angles, driven.time), velocity=velocity)
     safe = driven.gate.step([switch([2], Mode.VELOCITY), switch([3], Mode.VELOCITY)], joints, driven.time)
-    (refusal,) = safe.refusals
-    assert (refusal.code, str(refusal)) == (
-        Code.IN_MOTION, "joint2 is moving; valid: switch to velocity at rest"
-    )  # fmt: skip
+    (told,) = safe.clamped
+    assert (told.code, told.names) == (Code.SWITCHES_AT_REST, ("joint2",))
+    assert driven.gate.modes[2:4] == (Mode.POSITION, Mode.VELOCITY)
 
 
 @pytest.mark.parametrize(

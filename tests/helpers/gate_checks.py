@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -62,17 +63,19 @@ def position_command(
 class Driven:
     """A gate and a robot that follows its commands exactly. Records all outputs of the gate."""
 
-    def __init__(self, robot: Robot, start: Sequence[float]) -> None:
+    def __init__(self, robot: Robot, start: Sequence[float], *, streams: bool = False) -> None:
         self.robot = robot
-        self.gate = Gate(robot, period=PERIOD, stale_after=0.05)
+        self.gate = Gate(robot, period=PERIOD, stale_after=0.05, streams=streams)
         self.angles = np.array(start, dtype=float)
+        self.speed = np.zeros(len(self.angles))
         self.time = 0.0
         self.path: list[Array] = [self.angles.copy()] * 3
 
     def step(self, *commands: PlatformOrder) -> SafeCommand:
-        safe = self.gate.step(commands, reading(self.angles, self.time), self.time)
+        joints = replace(reading(self.angles, self.time), velocity=read_only(self.speed.copy()))
+        safe = self.gate.step(commands, joints, self.time)
         self.gate.check_out(safe)
-        self.angles[safe.servos] = safe.position
+        self.angles[safe.servos], self.speed[safe.servos] = safe.position, safe.velocity
         self.path.append(self.angles.copy())
         self.time += PERIOD
         return safe

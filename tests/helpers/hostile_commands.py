@@ -21,10 +21,11 @@ AHEAD = 0.02
 REST_IN = 3.0
 """Time [s] within which a robot that holds or has stopped must come to rest."""
 BUSY, CYCLE = 700, 1500
-"""Number of steps with commands, and number of steps from one rest to the next. Modes can be switched only at
-rest."""
+"""Number of steps with commands, and number of steps from one rest to the next."""
 WIGGLE = 2e-3
 """Distance [rad] by which a stop may move outwards again while a joint returns from outside its bounds."""
+FAST = 0.1
+"""Speed [rad/s] above which a servo that changes its mode counts as moving."""
 STILL = 1e-9
 """Largest distance [rad] between two readings with equal time stamps of a joint at rest."""
 SAG = float(np.deg2rad(0.4))
@@ -59,9 +60,14 @@ class Judge:
         """Records that an operator has reset the gate: every servo starts again at its measured angle."""
         self.modes = [None] * len(self.modes)
 
-    def see(self, safe: SafeCommand, measured: Array, *, moved: bool = True) -> None:
-        """Checks the output of one step. `measured` (n,) [rad] are the robot's angles before the step.
-        `moved` is True if a step was due."""
+    def see(
+        self, safe: SafeCommand, measured: Array, *, moved: bool = True, speed: Array | None = None
+    ) -> None:
+        """Checks the output of one step. `measured` (n,) [rad] and `speed` (n,) [rad/s], by default 0, are
+        the robot's state before the step. `moved` is True if a step was due."""
+        speed = np.zeros(len(measured)) if speed is None else speed
+        sent = np.full(len(measured), np.nan)
+        sent[safe.servos] = safe.position
         for name in ("position", "velocity", "torque"):
             if not np.isfinite(getattr(safe, name)).all():
                 self._fault(f"{name} is not finite", np.inf)
@@ -72,9 +78,10 @@ class Judge:
         for servo, mode in told:
             modes[servo] = mode
             was = self.modes[servo]
-            if was is None or (was is Mode.IMPEDANCE and mode is not Mode.IMPEDANCE):
+            yielded = was is Mode.IMPEDANCE and mode is not Mode.IMPEDANCE
+            if was is None or (yielded and not self._goes_on(servo, sent[servo])):
                 starts[servo] = True
-                self.steps[:, servo] = measured[servo]
+                self.steps[:, servo] = self._run_up(servo, sent[servo], measured, speed)
                 self.outside[servo] = np.nan
                 self.values[:] = np.nan
         left = any(a is not None and b is None for a, b in zip(self.modes, modes, strict=True))
@@ -103,6 +110,21 @@ class Judge:
             self._fault("torque outside torque mode", np.inf)
         self._couplings(safe, set(safe.servos[loose].tolist()))
         self._rest(safe)
+
+    def _goes_on(self, servo: int, sent: float) -> bool:
+        """True if a compliant servo that gets another mode goes on from its reference. Otherwise it must go
+        on from its measured state."""
+        steps = np.append(self.steps[1:, servo], sent)
+        rates = [abs(np.diff(steps, order)[-1]) / self.period**order for order in (1, 2, 3)]
+        return bool((np.array(rates) <= self.rates[:, servo] * (1.0 + 1e-6)).all())
+
+    def _run_up(self, servo: int, sent: float, measured: Array, speed: Array) -> Array:
+        """Returns the last angles (4,) [rad] of a servo that gets its first reference, as if it had moved
+        evenly. It may start at any speed between rest and its measured speed."""
+        first = (sent - measured[servo]) / self.period
+        pace = min(max(first, min(speed[servo], 0.0)), max(speed[servo], 0.0))
+        angles: Array = measured[servo] + pace * self.period * np.arange(-3.0, 1.0)
+        return angles
 
     def see_ahead(self, safe: SafeCommand, ahead: Array, time: float) -> None:
         """Checks the positions that are predicted for `time` [s] later. Drivers send these to robots that
@@ -202,16 +224,20 @@ class Attack:
         period: float = 0.002,
         body: bool = True,
         modes: Sequence[Mode] = CONTROL_MODES,
+        streams: bool = True,
     ) -> None:
         """Starts an attack. `body` turns on the check for self-collision. `modes` are the modes to which the
-        attacker switches."""
+        attacker switches, in motion if `streams` is True."""
         settings = GateSettings() if body else GateSettings(self_collision=None)
         self.robot, self.period, self.modes = robot, period, modes
-        self.gate = Gate(robot, period=period, stale_after=0.05, settings=settings)
+        self.gate = Gate(robot, period=period, stale_after=0.05, settings=settings, streams=streams)
         self.judge = Judge(robot, period)
         self.random = np.random.default_rng(seed)
         self.counts = Counts()
         self.now, self.sequence = 0.0, 0
+        self.switched = 0
+        """Number of changes of mode of servos in motion."""
+        self._modes: dict[int, Mode] = {}
         self.angles = np.array(initial_position(robot), dtype=float)
         self.speeds = np.zeros(len(self.angles))
         self.movable = [s.index for s in robot.servos if None not in (s.limits.lower, s.limits.jerk)]
@@ -252,10 +278,11 @@ class Attack:
     ) -> SafeCommand:
         """Sends orders, some of them malformed, to the gate. The judge checks the output, and the robot
         executes it."""
-        before = self.angles.copy()
+        before, speed = self.angles.copy(), self.speeds.copy()
         safe = self.gate.step(orders, self._reading(), when)
         self.gate.check_out(safe)
-        self._see(safe, before, moved)
+        self.switched += self._count_switches(safe, speed)
+        self._see(safe, before, speed, moved)
         counts = self.counts
         counts.modes |= {*safe.modes}
         counts.commands += len(orders)
@@ -265,8 +292,15 @@ class Attack:
         self._obey(safe)
         return safe
 
-    def _see(self, safe: SafeCommand, before: Array, moved: bool) -> None:
-        self.judge.see(safe, before, moved=moved)
+    def _count_switches(self, safe: SafeCommand, speed: Array) -> int:
+        """Returns how many moving servos have changed their mode in this step."""
+        modes = dict(zip(safe.servos.tolist(), safe.modes, strict=True))
+        changed = [servo for servo, mode in modes.items() if self._modes.get(servo, mode) is not mode]
+        self._modes = modes
+        return int(np.count_nonzero(np.abs(speed[changed]) > FAST))
+
+    def _see(self, safe: SafeCommand, before: Array, speed: Array, moved: bool) -> None:
+        self.judge.see(safe, before, moved=moved, speed=speed)
         self.judge.see_ahead(safe, self.gate.ahead(AHEAD), AHEAD)
 
     def _obey(self, safe: SafeCommand) -> None:

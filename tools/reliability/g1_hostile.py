@@ -226,7 +226,7 @@ class _Attack(Attack):
         legs = {servo: "a leg" for servo, slot in enumerate(self.slots.tolist()) if slot < 12}
         # In an attack, links pass through each other. The check for self-collision would hold the arms in
         # such postures, which no real robot can reach.
-        self.gate = PartialGate(robot, legs, period=PERIOD, stale_after=0.1)
+        self.gate = PartialGate(robot, legs, period=PERIOD, stale_after=0.1, streams=True)
         self.wire, self.set_points = _Wire(sdk), SetPoints(self.slots, whole=False)
         self.socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         theirs.setblocking(False)
@@ -248,8 +248,8 @@ class _Attack(Attack):
         self._tell(seen)
         return safe
 
-    def _see(self, safe: Any, before: Array, moved: bool) -> None:
-        self.judge.see(safe, before, moved=moved)  # predicted motions are not sent to a G1
+    def _see(self, safe: Any, before: Array, speed: Array, moved: bool) -> None:
+        self.judge.see(safe, before, moved=moved, speed=speed)  # predicted motions are not sent to a G1
 
     def _tell(self, seen: Array) -> None:
         """Runs the keeper for one period, and checks the bytes that the keeper sends. `seen` (n,) [rad] are

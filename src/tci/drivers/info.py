@@ -12,6 +12,8 @@ from tci.gate.settings import GateSettings
 from tci.messages.clock import Clock
 from tci.robot.description import Robot
 
+STREAMS = "streams"
+"""Key in `about` of `Gate.streams`, on which the gate's decisions depend."""
 HARMLESS = ("sim", "replay")
 """Names of the drivers that move no hardware. These drivers are armed by default."""
 
@@ -46,6 +48,11 @@ class DriverInfo:
     entry."""
 
     @property
+    def streams(self) -> bool:
+        """True if the mode of a part may change while it moves, see `Gate.streams`."""
+        return self.gate.streams
+
+    @property
     def harmless(self) -> bool:
         """True if the connection moves no hardware. The robot is simulated or recorded, and only this process
         can use it."""
@@ -61,22 +68,24 @@ class DriverInfo:
         armed: bool,
         lease_name: str | None = None,
         settings: GateSettings | None = None,
+        streams: bool = False,
         period: float | None = None,
         keep_alive: float | None = None,
         about: Mapping[str, str] | None = None,
         recorded: bool = False,
     ) -> Self:
         """Returns the facts about a connection over `middleware`. They contain a new gate for this
-        connection. `settings` are the settings of the gate. `period` [s] is the time between two commands, by
-        default the value in the robot's binding (the description's settings for this middleware). By default,
+        connection, with `settings` and `streams`. `period` [s] is the time between two commands, by default
+        the value in the robot's binding (the description's settings for this middleware). By default,
         `lease_name` consists of the names of middleware and robot.
 
         Raises UnknownNameError if the robot has no binding to the middleware.
         """
         binding = robot.binding(middleware)
         gate = Gate(
-            robot, period=period or 1.0 / binding.rate, stale_after=binding.stale_after, settings=settings
-        )
+            robot, period=period or 1.0 / binding.rate, stale_after=binding.stale_after, settings=settings,
+            streams=streams,
+        )  # fmt: skip
         return cls(
             robot=robot,
             clock=clock,
@@ -84,6 +93,6 @@ class DriverInfo:
             armed=armed,
             lease_name=lease_name or f"{middleware}:{robot.name}",
             keep_alive=keep_alive,
-            about=about or MappingProxyType({}),
+            about={**(about or {}), STREAMS: str(streams).lower()},
             recorded=recorded,
         )

@@ -10,7 +10,7 @@ import os
 from collections.abc import Iterator
 
 from tci.drivers.driver import Driver
-from tci.drivers.info import DriverInfo
+from tci.drivers.info import STREAMS, DriverInfo
 from tci.errors import DriverError
 from tci.gate.gate import SafeCommand
 from tci.messages import Reading
@@ -84,6 +84,7 @@ class ReplayDriver(Driver):
                 period=self.recording.period or None,
                 keep_alive=self.recording.keep_alive,
                 about={key: about[key] for key in ("seed", "step_s") if key in about},
+                streams=about.get(STREAMS, str(middleware == "sim").lower()) == "true",
                 recorded=True,
             )
         )

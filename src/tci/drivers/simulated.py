@@ -102,6 +102,7 @@ class SimulatedDriver(Driver):
         super().__init__(
             DriverInfo.of(
                 robot, "sim", clock=clock, armed=arm, period=period, keep_alive=keep_alive,
+                streams=True,
                 lease_name=f"sim:{robot.name}:{os.getpid()}:{id(self.world)}",
                 about={"seed": str(self.world.seed), "step_s": repr(self.world.step)},
             )

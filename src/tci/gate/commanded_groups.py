@@ -24,6 +24,9 @@ from tci.robot.description import Robot
 FOUND = 64
 """Largest number of cached sets of servos. Assumed: behaviours command whole robot parts, so only a few
 different sets occur."""
+YIELDED = float(np.deg2rad(1.0))
+"""Distance [rad] from its moving equilibrium above which a compliant servo has yielded to a force. Assumed: a
+servo in motion lags by less, and a stiff servo that starts at this distance does not jolt."""
 
 
 class CommandedGroups:
@@ -125,20 +128,31 @@ class CommandedGroups:
             self._note_change()
         return list(chains.values())
 
-    def switch(self, servos: Sequence[int], mode: Mode, loose: set[int]) -> None:
-        """Switches `servos` to `mode` at their present positions. `loose` contains all servos of the robot
-        that are in torque mode after the switch.
+    def switch(self, servos: Sequence[int], mode: Mode, loose: set[int], speed: Array) -> None:
+        """Switches `servos` to `mode`. Raises CommandError if some servos can't be switched; in this case
+        nothing changes.
 
-        Raises CommandError if some servos can't be switched; in this case nothing changes.
+        A servo that follows its reference goes on from this reference, also while it moves. All others go on
+        from their measured angles.
+
+        Args:
+            servos: Indices of the servos.
+            mode: The new mode.
+            loose: All servos of the robot that are in torque mode after the switch.
+            speed: Measured velocities (n_servos,) [rad/s]; 0 for servos at rest.
         """
-        # A joint that yielded is not at its equilibrium: it continues from its position.
-        fresh = [servo for servo in servos if self.modes[servo] in (Mode.IMPEDANCE, Mode.TORQUE)]
+        fresh = [servo for servo in servos if self._starts_anew(servo)]
+        starts = np.zeros(len(speed))
+        starts[fresh] = speed[fresh]
         chains: dict[int, JointGroup | None] = {}
         for group in {self._group_of[servo] for servo in servos}:
             mine = {servo for servo in servos if self._group_of[servo] == group}
             old = self._chains.get(group)
-            kept = ({*old.servos} if old else set()) | mine
-            chains[group] = self._chain(group, kept - loose, fresh) if kept - loose else None
+            kept = (({*old.servos} if old else set()) | mine) - loose
+            if old is not None and kept == {*old.servos} and kept.isdisjoint(fresh):
+                chains[group] = old
+            else:
+                chains[group] = self._chain(group, kept, fresh, starts) if kept else None
         for servo in servos:
             self.modes[servo] = mode
         for group, chain in chains.items():
@@ -151,10 +165,24 @@ class CommandedGroups:
                 self._chains.pop(group, None)
         self._note_change()
 
-    def _chain(self, group: int, servos: set[int], fresh: Sequence[int] = ()) -> JointGroup:
+    def _starts_anew(self, servo: int) -> bool:
+        """True if a servo has no reference from which it could go on after a change of mode: nobody commands
+        it, it is in torque mode, or it is compliant and not at its equilibrium. A compliant servo in motion
+        is never exactly there, so it goes on from its reference while it is near."""
+        chain = self._chains.get(self._group_of[servo])
+        if chain is None or servo not in chain.servos:
+            return True
+        if self.modes[servo] is not Mode.IMPEDANCE:
+            return False
+        state = chain.limiter.whole_state[:, chain.servos.index(servo)]
+        return not state[1] or bool(abs(state[0] - self.measured[servo]) > YIELDED)
+
+    def _chain(
+        self, group: int, servos: set[int], fresh: Sequence[int] = (), speed: Array | None = None
+    ) -> JointGroup:
         """Returns a new `JointGroup` for the `servos` of group number `group`. Servos in `fresh` start at
-        their measured angles, even if they are moving. Raises CommandError if a servo can't join the motion
-        now."""
+        their measured angles, with the velocities `speed` (n_servos,) [rad/s]. Raises CommandError if a servo
+        can't join the motion now."""
         old = self._chains.get(group)
         check_start(self._robot, {*servos} - ({*old.servos} - {*fresh} if old else set()), self.measured)
         chain = make_chain(
@@ -166,6 +194,7 @@ class CommandedGroups:
             period=self._period,
             speed_share=self._settings.speed_share,
             guard=self._guard(group, sorted(servos)),
+            speed=speed,
         )
         driven = [s for s in chain.servos if self.modes[s] is Mode.VELOCITY]
         places = [p for p in chain.places(driven) if not np.isfinite(chain.limiter.drive[p])]

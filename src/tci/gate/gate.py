@@ -56,21 +56,33 @@ class Gate:
     A servo is under command after its first accepted command or mode switch. The motion of such a servo
     starts at the measured position of the servo. All commanded servos of one robot part reach their targets
     at the same time. If a coupling contains servos of two parts, all servos of both parts reach their targets
-    at the same time. Each servo is in one control mode; only a PlatformSwitch changes the mode.
+    at the same time. Each servo is in one control mode; only a PlatformSwitch changes the mode. If a servo
+    moves then, its motion goes on from its present reference; where `streams` is False, it rests first.
     """
 
     def __init__(
-        self, robot: Robot, *, period: float, stale_after: float, settings: GateSettings | None = None
+        self,
+        robot: Robot,
+        *,
+        period: float,
+        stale_after: float,
+        settings: GateSettings | None = None,
+        streams: bool = False,
     ) -> None:
-        """Creates a gate for a control loop of `period` [s]. The gate stops the robot (state HOLD) while
-        joint data is older than `stale_after` [s].
-
-        Raises TciError if a time is not finite or not above 0, and DescriptionError if the model can't be
+        """Raises TciError if a time is not finite or not above 0, and DescriptionError if the model can't be
         read.
+
+        Args:
+            robot: The robot.
+            period: Period [s] of the control loop.
+            stale_after: Age [s] of joint data above which the gate stops the robot (state HOLD).
+            settings: Settings that the description does not contain.
+            streams: True if the robot follows a stream of set-points in all its modes, see `streams`.
         """
         if not 0.0 < period < np.inf or not 0.0 < stale_after < np.inf:
             raise TciError(f"period {period} s, stale_after {stale_after} s; valid: above 0 and finite")
         self._robot, self._period, self._stale_after = robot, period, stale_after
+        self._streams = streams
         self._settings = settings or GateSettings()
         self.state = GateState.RUN
         self.reason: Reason | None = None
@@ -79,7 +91,9 @@ class Gate:
         self._seal = GateToken(robot.name)
         self._issued: SafeCommand | None = None
         self._tally = Tally()
-        self._motion = Motion(robot, period=period, settings=self._settings, tally=self._tally)
+        self._motion = Motion(
+            robot, period=period, settings=self._settings, streams=streams, tally=self._tally
+        )
         monitor = self._settings.monitor
         self._monitor = None if monitor is None else JointMonitor(robot, monitor)
         self._stopped: Reason | None = None
@@ -103,6 +117,13 @@ class Gate:
     def stale_after(self) -> float:
         """Age [s] of joint data above which the gate stops the robot until newer data arrives."""
         return self._stale_after
+
+    @property
+    def streams(self) -> bool:
+        """True if the robot follows a stream of set-points in all its modes, so that its modes may change
+        while it moves. False if its own controllers plan the motion in some mode, or take time to change
+        their mode: then the gate brakes a moving part, and switches it at rest."""
+        return self._streams
 
     @property
     def settings(self) -> GateSettings:
@@ -208,6 +229,10 @@ class Gate:
         taken: list[PlatformOrder] = []
         stiffness: dict[int, float] = {}
         damping: dict[int, float] = {}
+        if not reason:
+            late_clamps, late_refusals = self._motion.settle(now)
+            clamped += late_clamps
+            refusals += late_refusals
         for command in (commands,) if isinstance(commands, PlatformOrder) else commands:
             try:
                 if reason:

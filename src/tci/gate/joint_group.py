@@ -96,11 +96,21 @@ def make_chain(
     period: float,
     speed_share: float,
     guard: Guard,
+    speed: Array | None = None,
 ) -> JointGroup:
-    """Returns a group of `servos`. Each servo starts at rest at its position in `measured` (n_servos,) [rad].
+    """Returns a group of `servos`. Raises CommandError if some servos can't join the motion now; in this case
+    `old` is unchanged.
 
-    Exception: a servo that the group `old` already moves continues its motion, unless the servo is in
-    `fresh`. Raises CommandError if some servos can't join the motion now; in this case `old` is unchanged.
+    Args:
+        robot: The robot.
+        servos: Indices of the servos that the group moves.
+        measured: Angles (n_servos,) [rad] at which the servos start.
+        old: Group that already moves some of the servos. They continue their motion.
+        fresh: Servos that start at their measured angle although `old` moves them.
+        period: Duration [s] of a step.
+        speed_share: Fraction of the speed limits that may be used.
+        guard: Checks planned stops.
+        speed: Velocities (n_servos,) [rad/s] at which the servos start; by default they start at rest.
     """
     union = sorted(servos)
     bounds, outside = bounds_of(robot, union, speed_share=speed_share)
@@ -115,6 +125,8 @@ def make_chain(
     arrays = index, limits, bounds.coupling, ends, free, limiter.aims
     chain = JointGroup(union, index, limiter, bounds, outside, ends, bool(outside.any()), arrays)
     chain.look_outside(measured)
+    if speed is not None and speed[union].any():
+        limiter.start_moving(speed[union])
     if old is not None:
         moving = [servo for servo in union if servo in old.servos and servo not in fresh]
         if moving:

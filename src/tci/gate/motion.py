@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,15 +45,42 @@ TARGETS = (Mode.POSITION, Mode.IMPEDANCE)
 FASTEST = 1e6
 """Upper bound on requested speeds [rad/s]. Without this bound, calculations with a very large speed could
 overflow."""
+PATIENCE = 0.5
+"""Time [s] after the planned end of braking for which a switch waits until its servos rest. Assumed: a servo
+lags behind its reference by less; a joint that moves for longer is moved by hand."""
+
+
+@dataclass(slots=True)
+class WaitingSwitch:
+    """A change of mode for which servos brake, and what they were told to do afterwards."""
+
+    servos: tuple[int, ...]
+    mode: Mode
+    until: float
+    """Time [s] at which the switch is given up."""
+    commands: list[tuple[PlatformCommand, float]] = field(default_factory=list)
+    """Commands in the new mode, each with the time [s] at which it came."""
+
+    def names(self, command: PlatformCommand) -> bool:
+        """True if the command moves a servo that waits here."""
+        return not {*self.servos}.isdisjoint(command.servos.tolist())
+
+    def keep(self, command: PlatformCommand, now: float) -> None:
+        """Keeps a command, in place of earlier ones to the same servos."""
+        named = {*command.servos.tolist()}
+        older = [one for one in self.commands if not named.issuperset(one[0].servos.tolist())]
+        self.commands = [*older, (command, now)]
 
 
 class Motion:
     """Moves the servos under command, each in its own mode, one step per control period."""
 
-    def __init__(self, robot: Robot, *, period: float, settings: GateSettings, tally: Tally) -> None:
-        """Starts without servos under command; `period` [s] is the period of the control loop. Raises the
-        errors that SelfCollision raises."""
-        self.robot = robot
+    def __init__(
+        self, robot: Robot, *, period: float, settings: GateSettings, streams: bool, tally: Tally
+    ) -> None:
+        """Starts without servos under command; `period` [s] is the period of the control loop, and `streams`
+        is explained at `Gate.streams`. Raises the errors that SelfCollision raises."""
+        self.robot, self._streams = robot, streams
         self._settings = settings
         self._tally = tally
         limits = [servo.limits for servo in robot.servos]
@@ -66,6 +95,7 @@ class Motion:
         self._speeds, self._slope = Speeds(len(robot.servos)), Slope(len(robot.servos))
         self._powered: NDArray[np.bool_] | None = None
         self._switched: set[int] = set()
+        self._waiting: list[WaitingSwitch] = []
         self._known: set[int] = set()
         self._immovable = Immovable(robot)
         self._shares = np.zeros(len(robot.servos))
@@ -126,7 +156,9 @@ class Motion:
         return Reason(Code.JOINTS_STALE, f"no new joint data {since}")
 
     def halt(self) -> None:
-        """Stops all servos within their limits, and removes all targets, velocities and commanded torques."""
+        """Stops all servos within their limits, and removes all targets, velocities and commanded torques,
+        and all switches that wait for rest."""
+        self._let_go({servo for switch in self._waiting for servo in switch.servos})
         for chain in self.groups.chains:
             chain.limiter.halt()
         self._torque.halt()
@@ -134,15 +166,17 @@ class Motion:
     def drop(self) -> None:
         """Ends the command of all servos. Control modes do not change: servos in torque mode stay in torque
         mode, with a commanded torque of 0."""
+        self._waiting.clear()
         self.groups.drop()
         self._torque.relax()
 
     def accept(self, command: PlatformOrder, now: float) -> list[Reason]:
-        """Accepts an order. Returns one reason for each value that was clamped. If the order can't be
-        accepted, raises CommandError and changes nothing."""
+        """Accepts an order. Returns one reason for each value that was clamped, and for a switch that waits
+        for rest. If the order can't be accepted, raises CommandError and changes nothing."""
         command = self._immovable.left_out(command)
         if isinstance(command, PlatformSwitch):
-            self._switch(command)
+            return self._switch(command, now)
+        if self._waiting and self._keep_for_later(command, now):
             return []
         if command.mode in TARGETS:
             return self._aim(command)
@@ -176,6 +210,8 @@ class Motion:
         """Moves the servos by one period. Returns the reasons for motions that were ended to avoid
         self-collisions."""
         self._switched.clear()
+        for switch in self._waiting:
+            self._torque.halt(np.array([s for s in switch.servos if self.modes[s] is Mode.TORQUE], np.intp))
         near: list[Reason] = []
         longest, body = self._settings.command_timeout, self.groups.body
         moving = [chain for chain in self.groups.chains if not chain.limiter.rests]
@@ -234,9 +270,10 @@ class Motion:
             if servo not in self._known:
                 check_limits(self.robot.servos[servo])
                 self._known.add(servo)
-            if self.modes[servo] is not mode:
+            own = next((one.mode for one in self._waiting if servo in one.servos), self.modes[servo])
+            if own is not mode:
                 raise CommandError(
-                    f"{self.robot.servos[servo].name} is in {self.modes[servo].value} mode, the command is "
+                    f"{self.robot.servos[servo].name} is in {own.value} mode, the command is "
                     f"in {mode.value} mode; valid: switch the mode first",
                     code=Code.WRONG_MODE,
                 )
@@ -290,31 +327,111 @@ class Motion:
                 clamped.append(Reason(Code.CLAMPED, text, (name,)))
         return clamped
 
-    def _switch(self, switch: PlatformSwitch) -> None:
-        """Switches servos that are at rest to another mode at their present positions. Raises CommandError if
-        a servo moves or can't be switched."""
+    def _switch(self, switch: PlatformSwitch, now: float) -> list[Reason]:
+        """Switches servos to another mode, in motion or once they rest. In the second case returns the reason
+        with the braking time. Raises CommandError if a servo can't be switched."""
         check_switch(self.robot, switch)
-        servos = [servo for servo in switch.servos.tolist() if self.modes[servo] is not switch.mode]
-        reference = self.reference
-        moving = {
-            *reference.servos[np.abs(reference.velocity) > STILL].tolist(),
-            *np.flatnonzero(np.abs(self._speed) > REST).tolist(),
-        }
-        for servo in servos:
-            if servo in self._switched:
+        for servo in switch.servos.tolist():
+            if servo in self._switched and self.modes[servo] is not switch.mode:
                 raise CommandError(
                     f"{self.robot.servos[servo].name} was switched in this period; valid: one mode at a time",
                     code=Code.WRONG_MODE,
                 )
-            if servo in moving:
-                words = f"is moving; valid: switch to {switch.mode.value} at rest"
-                raise CommandError(f"{self.robot.servos[servo].name} {words}", code=Code.IN_MOTION)
+        awaited = {s for one in self._waiting if one.mode is switch.mode for s in one.servos}
+        self._let_go({*switch.servos.tolist()} - awaited)
+        servos = [s for s in switch.servos.tolist() if self.modes[s] is not switch.mode and s not in awaited]
+        if self._streams or not self._moving(servos):
+            self._change(servos, switch.mode)
+            return []
+        return [self._brake(servos, switch.mode, now)]
+
+    def _change(self, servos: Sequence[int], mode: Mode) -> None:
+        """Changes the mode of servos now. Raises CommandError if they can't go on in this mode now."""
         loose = {*self._torque.servos.tolist(), *servos}
-        if switch.mode is not Mode.TORQUE:
-            loose -= set(servos)
-        self.groups.switch(servos, switch.mode, loose)
+        if mode is not Mode.TORQUE:
+            loose -= {*servos}
+        self.groups.switch(servos, mode, loose, np.where(np.abs(self._speed) > REST, self._speed, 0.0))
         self._switched.update(servos)
         self._torque.set_servos(sorted(loose))
+
+    def _moving(self, servos: Sequence[int]) -> bool:
+        """True if one of the servos moves: its reference, or its joint by measurement."""
+        if (np.abs(self._speed[list(servos)]) > REST).any():
+            return True
+        reference = self.reference
+        return not set(servos).isdisjoint(reference.servos[np.abs(reference.velocity) > STILL].tolist())
+
+    def _brake(self, servos: Sequence[int], mode: Mode, now: float) -> Reason:
+        """Brakes servos that will switch to `mode` at rest. Returns a reason with the braking time."""
+        longest = 0.0
+        for chain in self.groups.chains:
+            places = chain.places([servo for servo in chain.servos if servo in servos])
+            if places:
+                longest = max(longest, chain.limiter.stops_in(places))
+                chain.limiter.drive_at(places, np.zeros(len(places)))
+        for servo in servos:
+            if self.modes[servo] is Mode.TORQUE:
+                longest = max(
+                    longest, abs(self._speed[servo]) / (self.robot.servos[servo].limits.acceleration or 1.0)
+                )
+        self._waiting.append(WaitingSwitch(tuple(servos), mode, until=now + longest + PATIENCE))
+        parts = ", ".join(dict.fromkeys(self.robot.servos[servo].robot_part for servo in servos))
+        text = f"{parts} switches to {mode.value} in {longest:.2f} s, at rest"
+        return Reason(Code.SWITCHES_AT_REST, text, tuple(self.robot.servos[servo].name for servo in servos))
+
+    def _keep_for_later(self, command: PlatformCommand, now: float) -> bool:
+        """Keeps a command that has the mode of a waiting switch, and returns True. Returns False for a
+        command to other servos. Raises CommandError if the command is invalid or has another mode."""
+        check_command(self.robot, command)
+        waiting = next((one for one in self._waiting if one.names(command)), None)
+        if waiting is None:
+            return False
+        self._check_modes(command.servos, command.mode)
+        if command.mode in TARGETS and is_far_off(command.servos, command.values, self._box, FAR_OFF):
+            refuse_far(self.robot, command)
+        waiting.keep(command, now)
+        return True
+
+    def settle(self, now: float) -> tuple[list[Reason], list[Reason]]:
+        """Switches servos that waited for rest and have come to rest, and executes the latest commands in
+        their new modes. Returns the reasons for values that were clamped and for what was refused."""
+        clamped: list[Reason] = []
+        refused: list[Reason] = []
+        for switch in self._waiting.copy():
+            try:
+                if not self._moving(switch.servos):
+                    self._waiting.remove(switch)
+                    self._change(switch.servos, switch.mode)
+                    for command, since in switch.commands:
+                        if command.mode in TARGETS or now - since <= self._settings.command_timeout:
+                            clamped += self.accept(command, since)
+                elif now > switch.until:
+                    self._let_go({*switch.servos})
+                    words = f"kept moving; valid: switch to {switch.mode.value} at rest"
+                    names = [
+                        self.robot.servos[servo].name for servo in switch.servos if self._moving([servo])
+                    ]
+                    raise CommandError(f"{', '.join(names)} {words}", code=Code.IN_MOTION)
+            except CommandError as error:
+                refused.append(error.reason)
+        return clamped, refused
+
+    def _let_go(self, servos: AbstractSet[int]) -> None:
+        """Forgets the switches for which some of `servos` wait; they stay in their present modes."""
+        kept = []
+        for switch in self._waiting:
+            left = [servo for servo in switch.servos if servo not in servos]
+            if len(left) == len(switch.servos):
+                kept.append(switch)
+                continue
+            for chain in self.groups.chains:
+                gone = chain.places([s for s in chain.servos if s in servos and s in switch.servos])
+                here = [place for place in gone if self.modes[chain.servos[place]] is not Mode.VELOCITY]
+                if here:
+                    chain.limiter.drive_at(here, np.full(len(here), np.nan))
+            if left:
+                kept.append(WaitingSwitch(tuple(left), switch.mode, until=switch.until))
+        self._waiting = kept
 
 
 def _amount(value: float, unit: str) -> str:

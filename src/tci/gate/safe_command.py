@@ -68,8 +68,8 @@ class SafeCommand:
     """New damping of the servos that got a damping command in this step, by servo index: a fraction (0..1) of
     full damping."""
     clamped: tuple[Reason, ...]
-    """Reasons for values that were clamped (code CLAMPED) and for motions that were ended (code
-    SELF_COLLISION)."""
+    """Reasons for values that were clamped (code CLAMPED), for motions that were ended (code SELF_COLLISION),
+    and for changes of mode that wait until the servos rest (code SWITCHES_AT_REST)."""
     refusals: tuple[Reason, ...]
     """Reasons why commands were refused in this step."""
     reason: Reason | None = None

@@ -8,6 +8,8 @@ would plan equal stops, but more slowly.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tci.gate.bounds import Bounds
@@ -18,6 +20,8 @@ from tci.gate.kernels.stops import (
     JERK,
     LEAST,
     MOST,
+    RAMP,
+    RELEASE,
     STOP_ROWS,
     follow_stop,
     plan_stop,
@@ -147,6 +151,12 @@ class StopPlanner:
     def remaining(self) -> float:
         """Remaining time [s] of the stored stop."""
         return max(self._kept.duration - float(self._since[0]), 0.0)
+
+    def time_of(self, places: Sequence[int]) -> float:
+        """Remaining time [s] in which the servos at `places` come to rest according to the stored stop."""
+        phases = self._kept.way[RAMP : RELEASE + 1][:, list(places)]
+        longest = float(phases.sum(axis=0).max(initial=0.0))
+        return max(longest - float(self._since[0]), 0.0)
 
     def ahead(self, times: Array) -> Array:
         """Returns the angles (k, n) [rad] that the n servos will have at `times` (k,) [s] from now, if they

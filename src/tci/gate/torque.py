@@ -41,7 +41,7 @@ class TorqueLimiter:
         count = len(robot.servos)
         self._memory = np.zeros((5, count))
         self._pushed = deque([np.zeros(count)], maxlen=1 + math.ceil(REMEMBERED / period))
-        self._halts = False
+        self._halts = np.zeros(count, np.bool_)
         self.servos: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
         """Indices (k,) of the servos in torque mode."""
         self.set_servos(())
@@ -77,10 +77,11 @@ class TorqueLimiter:
         towards a limit is still braked."""
         self._memory[at.WANTED, servos] = 0.0
 
-    def halt(self) -> None:
-        """Sets all commanded torques to zero. The next call of `step` brakes any motion."""
-        self.relax()
-        self._halts = True
+    def halt(self, servos: NDArray[np.intp] | EllipsisType = ...) -> None:
+        """Sets the commanded torque of some servos, or of all servos, to zero. The next call of `step` brakes
+        any motion of these servos."""
+        self.relax(servos)
+        self._halts[servos] = True
 
     def step(
         self,
@@ -117,7 +118,7 @@ class TorqueLimiter:
             self.servos, measured, self._limits, self._trust, self._halts, age + self._period, self._period,
             self._memory,
         )  # fmt: skip
-        self._halts = False
+        self._halts[:] = False
         self._pushed.append(self._pushed[-1] + self._period * self._memory[at.GIVEN])
         return self._given()
 

@@ -101,6 +101,19 @@ class OnlineTrajectory:
         """True if nothing moves until a new command, so that steps can be omitted."""
         return self._resting and not self.drives
 
+    def start_moving(self, velocity: Array) -> None:
+        """Starts at `velocity` (n,) [rad/s] instead of at rest, for servos that move when they come under
+        command. A velocity from which the servos could not stop within their bounds is reduced; they start at
+        rest if the stop is refused even so."""
+        fastest = np.clip(velocity, -self.bounds.velocity, self.bounds.velocity)
+        allowed = self.bounds.allowed_velocity(self.position, fastest)
+        state = np.array([self.position, allowed, np.zeros(len(allowed))])
+        if not self._stopper.plan(state, self.position) or self._guard(self._stopper.planned):
+            return
+        self._stopper.keep()
+        self._set_state(state)
+        self.target[:] = self.bounds.inside(self._stopper.end)
+
     def take_over(self, here: Sequence[int], other: OnlineTrajectory, there: Sequence[int]) -> None:
         """Continues the motion of some servos of the trajectory `other`. The indices of these servos are
         `there` in `other`, and `here` in this trajectory.
@@ -146,12 +159,12 @@ class OnlineTrajectory:
     def drive_at(self, places: Sequence[int], velocity: Array) -> None:
         """Drives servos at `velocity` (k,) [rad/s], within the speed limit, until the next call.
 
-        If the velocity of a servo is NaN, the servo is no longer driven and keeps its position. Such a servo
-        must be at rest before the call. A servo outside its limits moves inward, whatever velocity is
-        requested.
+        If the velocity of a servo is NaN, the servo is no longer driven: it comes to rest and keeps its
+        position. A servo outside its limits moves inward, whatever velocity is requested.
         """
         self.drive[places] = velocity
-        self.target[places] = self.bounds.inside(self.position)[places]
+        rest = np.where(np.isnan(self.drive), self._stopper.end, self.position)
+        self.target[places] = self.bounds.inside(rest)[places]
         self._set_interfaces()
         self._begin()
 
@@ -175,6 +188,10 @@ class OnlineTrajectory:
     def remaining(self) -> float:
         """Time [s] that a stop from the latest state takes until all servos are at rest."""
         return 0.0 if self._resting else self._stopper.remaining
+
+    def stops_in(self, places: Sequence[int]) -> float:
+        """Time [s] in which the servos at `places` come to rest if they stop now."""
+        return self._stopper.time_of(places)
 
     def stop_at(self, times: Array) -> Array:
         """Returns the positions (k, n) [rad] that the servos would have at `times` (k,) [s] from now if they

@@ -18,11 +18,17 @@ class PartialGate(Gate):
     """
 
     def __init__(
-        self, robot: Robot, unreached: Mapping[int, str], *, period: float, stale_after: float
+        self,
+        robot: Robot,
+        unreached: Mapping[int, str],
+        *,
+        period: float,
+        stale_after: float,
+        streams: bool = False,
     ) -> None:
-        """Creates the gate. `unreached` contains the index of each servo that the connection can't move, with
-        the reason."""
-        super().__init__(robot, period=period, stale_after=stale_after)
+        """Creates the gate, see `Gate`. `unreached` contains the index of each servo that the connection
+        can't move, with the reason."""
+        super().__init__(robot, period=period, stale_after=stale_after, streams=streams)
         self._unreached = unreached
         servos = tuple(
             servo.model_copy(update={"limits": Limits()}) if servo.index in unreached else servo

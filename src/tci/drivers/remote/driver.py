@@ -71,6 +71,7 @@ class RemoteDriver(Driver):
                 # the robot's process has the lease on the robot
                 lease_name=f"{middleware}:{robot.name}:{self.client}",
                 settings=GateSettings(self_collision=None, monitor=None),
+                streams=True,  # the gate in the robot's process brakes where the robot needs it
             )
         )  # fmt: skip
         self.place = place

@@ -51,14 +51,14 @@ shorter distance, joints are pushed into their limits; with a longer distance, m
 
 
 @compiled(
-    void(views(1, int64), reads(2), reads(2), views(1), boolean, float64, float64, writes(2))
+    void(views(1, int64), reads(2), reads(2), views(1), views(1, boolean), float64, float64, writes(2))
 )  # fmt: skip
 def limit_torques(
     servos: NDArray[np.intp],
     measured: Array,
     limits: Array,
     trust: Array,
-    halts: bool,
+    halts: NDArray[np.bool_],
     late: float,
     period: float,
     memory: Array,
@@ -69,7 +69,7 @@ def limit_torques(
     `servos` (k,) are the indices of these servos. The rows of `limits` (7, k), `measured` (5, n_servos) and
     `memory` are listed in this module, from `LOWER` to `BEFORE`. `trust` (k,) in their measurements, 0 to 1,
     is the fraction of each torque that is permitted. The measurements are `late` [s] old when the next
-    torques are computed, one `period` [s] later. If `halts` is True, any motion is braked.
+    torques are computed, one `period` [s] later. Where `halts` (n_servos,) is True, any motion is braked.
     """
     for k in range(len(servos)):
         i = servos[k]
@@ -84,7 +84,7 @@ def limit_torques(
         # Distance left when this torque has taken effect, less that which slow speeds need to settle.
         slow = SETTLE * quickest * late
         room = max((above if v > 0.0 else below) - abs(v) * late - slow * SETTLE * late, 0.0)
-        safe = 0.0 if halts else min((1.0 - BAND) * fastest, np.sqrt(2.0 * limits[APPROACH, k] * room))
+        safe = 0.0 if halts[i] else min((1.0 - BAND) * fastest, np.sqrt(2.0 * limits[APPROACH, k] * room))
         braking = min(max((abs(v) - safe) / max(BAND * safe, MARGIN), 0.0), 1.0)
         # Torques given since the reading have already accelerated the joint.
         rise, risen = most * period / RISE, memory[RISEN, i]

@@ -59,7 +59,10 @@ class NaoqiDriver(Driver):
         self.where = parse_address(address)
         clock, lease_name = MonotonicClock(), f"naoqi:{numeric(self.where.host)}:{self.where.port}"
         super().__init__(
-            DriverInfo.of(robot, words.MIDDLEWARE, clock=clock, armed=arm, lease_name=lease_name)
+            # position and velocity mode are the same stream of target angles for the robot
+            DriverInfo.of(
+                robot, words.MIDDLEWARE, clock=clock, armed=arm, lease_name=lease_name, streams=True
+            )
         )
         self._switched: dict[object, autonomy.Mover] = {}
         self._may_move: list[str] = []

@@ -76,7 +76,12 @@ class UnitreeDriver(Driver):
             robot = robot.model_copy(update={"patches": patches_of(robot)})
         super().__init__(
             DriverInfo.of(
-                robot, "unitree", clock=MonotonicClock(), armed=arm, lease_name=f"unitree:{self.where}"
+                robot,
+                "unitree",
+                clock=MonotonicClock(),
+                armed=arm,
+                lease_name=f"unitree:{self.where}",
+                streams=True,
             )
         )
         self._slots = slots_of(robot)
@@ -94,7 +99,9 @@ class UnitreeDriver(Driver):
             self._hands = [hand for hand in found if hand.there]
             self._wait(wait)
             unreached = self._unreached()
-            gate = PartialGate(robot, unreached, period=self.period, stale_after=self.gate.stale_after)
+            gate = PartialGate(
+                robot, unreached, period=self.period, stale_after=self.gate.stale_after, streams=True
+            )
             self.info = replace(self.info, gate=gate, unreached=unreached)
             if arm:
                 self._arm()

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from tci.capabilities.play_gesture import PlayGesture as PlayGesture
     from tci.capabilities.soft_reaction import SoftReaction as SoftReaction
     from tci.capabilities.withdrawal import WithdrawalReflex as WithdrawalReflex
+    from tci.capabilities.wrapper import CapabilityWrapper as CapabilityWrapper
     from tci.drivers.driver import Driver as Driver
     from tci.drivers.registry import connect as connect
     from tci.errors import ClashError as ClashError

@@ -18,6 +18,7 @@ from tci.capabilities.contact_stop import ContactStop
 from tci.capabilities.play_gesture import PlayGesture
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.capabilities.withdrawal_memory import Refusal
+from tci.capabilities.wrapper import CapabilityWrapper, unwrapped
 from tci.errors import CommandError
 from tci.gestures.gesture import Gesture, fit
 from tci.lab.viewer.steered import Steered
@@ -69,6 +70,7 @@ class Sleepy(Nod):
 
 def wrapped(reflex: Capability[Any]) -> dict[str, Capability[Any]]:
     return {
+        "nothing changed": CapabilityWrapper(reflex),
         "contact stop": ContactStop(reflex),
         "gesture": PlayGesture(fit(load_robot("icub"), STILL), reflex),
         "tree": BehaviourTree(lambda: Reflex("away", reflex)),
@@ -91,6 +93,40 @@ def test_notes_are_those_of_the_reflex(name: str) -> None:
     capability = wrapped(Refusing())[name]
     _, memory = capability.step(capability.init(BODY), see(), BODY)
     assert capability.notes(memory) == ("left_leg was touched and does not move: it carries",)
+
+
+class Told(Capability[tuple[str, ...]]):
+    """Its memory lists the calls that it got."""
+
+    def init(self, body: GenericBody) -> tuple[str, ...]:
+        return ()
+
+    def step(self, memory: tuple[str, ...], perception: Perception, body: GenericBody) -> Any:
+        return (), (*memory, "step")
+
+    def claims(self, memory: tuple[str, ...]) -> frozenset[str]:
+        return frozenset(memory)
+
+    def pause(self, memory: tuple[str, ...], taken: frozenset[str], *seen: Any) -> Any:
+        return SwitchMode("head", Mode.POSITION), (*memory, f"pause {sorted(taken)}")
+
+    def resume(self, memory: tuple[str, ...], taken: frozenset[str], last: Any, *seen: Any) -> Any:
+        return last, (*memory, f"resume {sorted(taken)}")
+
+
+@pytest.mark.parametrize("wrap", [CapabilityWrapper, ContactStop, Steered])
+def test_a_wrapper_forwards_what_an_arbiter_asks_and_tells(wrap: Any) -> None:
+    told = Told()
+    wrapper = wrap(wrap(told))
+    assert unwrapped(wrapper) is told
+    memory = wrapper.init(BODY)
+    paused, memory = wrapper.pause(memory, frozenset({"left_arm"}), see(), BODY)
+    assert [order.part for order in paused] == ["head"]
+    _, memory = wrapper.step(memory, see(), BODY)
+    again = (GenericCommand("left_arm", Mode.POSITION, np.zeros(5)),)
+    resumed, memory = wrapper.resume(memory, frozenset(), again, see(), BODY)
+    assert resumed == again
+    assert wrapper.claims(memory) == {"pause ['left_arm']", "step", "resume []"}
 
 
 def test_a_gesture_without_a_reflex_needs_no_skin() -> None:

@@ -179,7 +179,7 @@ def test_a_class_that_its_package_loads_on_first_use_is_found() -> None:
     ("name", "words"),
     [
         ("tci:Capability", "the class Capability lacks init and step; valid: a subclass that has them"),
-        ("tci.capabilities.contact_stop:ContactStop", "needs settings: .*'behaviour'; valid: ContactStop"),
+        ("tci.capabilities.contact_stop:ContactStop", "needs settings: .*'inner'; valid: ContactStop"),
     ],
 )
 def test_a_class_that_cannot_be_made_as_it_is(name: str, words: str) -> None:

@@ -11,9 +11,9 @@ import tci
 from tci.body.generic_body import GenericBody
 from tci.capabilities import ReceptiveField
 from tci.capabilities.withdrawal import WithdrawalMemory
+from tci.capabilities.wrapper import CapabilityWrapper
 from tci.drivers.driver import Driver
 from tci.drivers.info import DriverInfo
-from tci.errors import Reason
 from tci.gate.gate import GateSettings
 from tci.gate.safe_command import SafeCommand
 from tci.lab.faults.fault_injector import FaultInjector, FaultPlan
@@ -112,27 +112,21 @@ class NoisySkin(Driver):
         return
 
 
-class Counted(tci.Capability[WithdrawalMemory]):
+class Counted(CapabilityWrapper[WithdrawalMemory]):
     """The withdrawal reflex. It also records, by arm, the times at which a response began."""
 
     def __init__(self, surround: Sequence[ReceptiveField] | None = None) -> None:
-        self.reflex = tci.WithdrawalReflex(surround=surround)
+        super().__init__(tci.WithdrawalReflex(surround=surround))
         self.answers: dict[str, list[float]] = {"left_arm": [], "right_arm": []}
-
-    def init(self, body: GenericBody) -> WithdrawalMemory:
-        return self.reflex.init(body)
 
     def step(
         self, memory: WithdrawalMemory, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], WithdrawalMemory]:
-        commands, memory = self.reflex.step(memory, perception, body)
+        commands, memory = super().step(memory, perception, body)
         for part, withdrawal in memory.items():
             if withdrawal.started not in self.answers[part]:
                 self.answers[part].append(withdrawal.started)
         return commands, memory
-
-    def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        return self.reflex.fault(perception, body)
 
 
 class Felt:

@@ -33,5 +33,6 @@ if TYPE_CHECKING:
     from tci.capabilities.withdrawal_memory import Refusal as Refusal
     from tci.capabilities.withdrawal_memory import Withdrawal as Withdrawal
     from tci.capabilities.withdrawal_memory import Withdrawals as Withdrawals
+    from tci.capabilities.wrapper import CapabilityWrapper as CapabilityWrapper
 else:
     __all__, __getattr__, __dir__ = lazy_names(__name__)

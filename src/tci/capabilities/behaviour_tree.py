@@ -23,9 +23,9 @@ from typing import Any
 
 from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
-from tci.capabilities.orders import begin_of, step_of
+from tci.capabilities.orders import begin_of, moved_part, step_of
 from tci.errors import TciError
-from tci.messages import CONTROL_MODES, CartesianCommand, GenericCommand, Order, Perception, SwitchMode
+from tci.messages import Order, Perception, SwitchMode
 from tci.reasons import Reason
 from tci.support.installed import needs
 
@@ -109,7 +109,7 @@ class Task(Leaf):
     def update(self) -> Status:
         seen = self._step()
         for order in self.orders:
-            if part := _moved(order):
+            if part := moved_part(order):
                 self._wanted[part] = order
         return Status.SUCCESS if self._done(self.memory, seen) else Status.RUNNING
 
@@ -172,7 +172,7 @@ class BehaviourTree(Capability[Behaviour]):
         taken: dict[str, Leaf] = {}
         for leaf in leaves:
             for order in leaf.orders:
-                part = _moved(order)
+                part = moved_part(order)
                 if not part or taken.setdefault(part, leaf) is leaf:
                     orders.append(order)
         return tuple(orders), memory
@@ -194,15 +194,3 @@ def _leaves(tree: Behaviour) -> Iterator[Leaf]:
         yield tree
     for child in tree.children:
         yield from _leaves(child)
-
-
-def _moved(order: Order) -> str:
-    """Returns the name of the generic part that an order moves.
-
-    The text is empty for an order that moves nothing, or that commands the robot's own joints.
-    """
-    if isinstance(order, CartesianCommand) or (
-        isinstance(order, GenericCommand) and order.mode in CONTROL_MODES
-    ):
-        return order.part
-    return ""

@@ -26,7 +26,7 @@ class Capability(ABC, Generic[Memory]):
     def __init_subclass__(cls, **options: Any) -> None:
         """Raises TciError if a method of the subclass takes other arguments than the method of this class."""
         super().__init_subclass__(**options)
-        for name in ("init", "begin", "step", "notes", "fault"):
+        for name in ("init", "begin", "step", "claims", "pause", "resume", "notes", "fault"):
             own, declared = vars(cls).get(name), signature(getattr(Capability, name)).parameters
             if not isfunction(own):
                 continue
@@ -62,6 +62,41 @@ class Capability(ABC, Generic[Memory]):
         with a `part` that your behaviour moves, and ignore the others. Read the angles of a part
         with `perception.posture.get("left_arm")`, which returns None if the robot lacks this part.
         """
+
+    def claims(self, memory: Memory) -> frozenset[str]:
+        """Generic parts that it holds now, for an `Arbiter`: while a layer claims a part, the layers below
+        can't move it. Only the last layer of an `Arbiter` may leave this method out.
+        """
+        return frozenset()
+
+    def pause(
+        self, memory: Memory, taken: frozenset[str], perception: Perception, body: GenericBody
+    ) -> tuple[tuple[Order, ...], Memory]:
+        """Called when layers above take more parts; `taken` is all that they hold now, its own or not. `step`
+        follows in the same instant, and goes on as before: its commands to these parts are dropped.
+        """
+        return (), memory
+
+    def resume(
+        self,
+        memory: Memory,
+        taken: frozenset[str],
+        last: tuple[Order, ...],
+        perception: Perception,
+        body: GenericBody,
+    ) -> tuple[tuple[Order, ...], Memory]:
+        """Called when layers above give parts back, before the `step` of the same instant.
+
+        Args:
+            memory: Its memory.
+            taken: Parts that layers above still hold.
+            last: What brings the returned parts back to where it left them: its last position order to each.
+                A velocity or torque is never repeated; in its place stands the switch to that mode. By
+                default these orders are returned.
+            perception: What is felt now.
+            body: The robot's body.
+        """
+        return last, memory
 
     def notes(self, memory: Memory) -> tuple[str, ...]:
         """Returns messages for a person, such as the reason why a touched part does not move."""

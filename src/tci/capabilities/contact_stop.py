@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic
 
 import numpy as np
 
 from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability, Memory
-from tci.capabilities.orders import begin_of, step_of
+from tci.capabilities.orders import moved_part
+from tci.capabilities.wrapper import CapabilityWrapper
 from tci.errors import CommandError, TciError
-from tci.messages import (
-    CONTROL_MODES,
-    CartesianCommand,
-    GenericCommand,
-    Mode,
-    Order,
-    Perception,
-    PlatformCommand,
-)
-from tci.reasons import Reason
+from tci.messages import CartesianCommand, GenericCommand, Mode, Order, Perception, PlatformCommand
 
 Motion = GenericCommand | CartesianCommand
 
@@ -39,7 +31,7 @@ class StopMemory(Generic[Memory]):
 
 
 @dataclass(frozen=True)
-class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
+class ContactStop(CapabilityWrapper[StopMemory[Memory]], Generic[Memory]):
     """Runs another behaviour, but stops each touched part until the touch ends.
 
     During a stop, `step` of the behaviour is still called, but commands to the stopped part are not executed.
@@ -47,7 +39,7 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
     of range.
     """
 
-    behaviour: Capability[Memory]
+    inner: Capability[Memory]
     """Behaviour to run."""
     threshold: float = 1.0
     """Smallest force [N] of a contact that stops the touched part. Assumed: a light push of a finger."""
@@ -60,12 +52,14 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise TciError(f"contact stop: {name} {getattr(self, name)}; valid: above 0, finite")
 
-    def init(self, body: GenericBody) -> StopMemory[Memory]:
-        return StopMemory(self.behaviour.init(body), {}, {})
+    def inner_memory(self, memory: StopMemory[Memory]) -> Memory:
+        return memory.inner
 
-    def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
-        """Returns the first orders of `behaviour`, the behaviour that this object runs."""
-        return begin_of(self.behaviour, perception, body)
+    def with_inner_memory(self, memory: StopMemory[Memory], inner: Memory) -> StopMemory[Memory]:
+        return replace(memory, inner=inner)
+
+    def init(self, body: GenericBody) -> StopMemory[Memory]:
+        return StopMemory(self.inner.init(body), {}, {})
 
     def step(
         self, memory: StopMemory[Memory], perception: Perception, body: GenericBody
@@ -81,18 +75,16 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
         for contact in perception.contacts:
             if contact.force >= self.threshold:
                 touched[contact.part] = now
-        inner, memory_after = step_of(self.behaviour, memory.inner, perception, body)
+        given, after = super().step(memory, perception, body)
         wanted = dict(memory.wanted)
         commands: list[Order] = []
         fresh = set()
-        for command in inner:
+        for command in given:
             if isinstance(command, PlatformCommand):
                 raise CommandError(
                     "contact stop: a command in the robot's own joints; valid: commands to generic parts"
                 )
-            if isinstance(command, CartesianCommand) or (
-                isinstance(command, GenericCommand) and command.mode in CONTROL_MODES
-            ):
+            if isinstance(command, Motion) and moved_part(command):
                 wanted[command.part] = command
                 fresh.add(command.part)
                 if command.part in touched:
@@ -103,15 +95,19 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
                 commands.append(_hold(command, perception))
             elif part in memory.touched and part not in touched and part not in fresh:
                 commands.append(command)
-        return tuple(commands), StopMemory(memory_after, wanted, touched)
+        return tuple(commands), replace(after, wanted=wanted, touched=touched)
 
-    def notes(self, memory: StopMemory[Memory]) -> tuple[str, ...]:
-        """Returns the messages for a person from the wrapped `behaviour`."""
-        return self.behaviour.notes(memory.inner)
-
-    def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns the behaviour's reason to stop the robot, or None if there is no reason."""
-        return self.behaviour.fault(perception, body)
+    def resume(
+        self,
+        memory: StopMemory[Memory],
+        taken: frozenset[str],
+        last: tuple[Order, ...],
+        perception: Perception,
+        body: GenericBody,
+    ) -> tuple[tuple[Order, ...], StopMemory[Memory]]:
+        """A part that is still touched stays where it is."""
+        orders, after = super().resume(memory, taken, last, perception, body)
+        return tuple(order for order in orders if moved_part(order) not in memory.touched), after
 
 
 def _hold(command: Motion, perception: Perception) -> GenericCommand:

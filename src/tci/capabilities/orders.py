@@ -1,41 +1,69 @@
-"""Calls of `Capability.begin` and `Capability.step` with checks of the results.
+"""Calls of a capability's methods, with checks of what they return.
 
-The loop uses these functions, and so does a capability that runs another capability inside. If a method
-returns a single command instead of a tuple, the command is put in a tuple. Any other type is refused.
+The loop uses these functions, and so does a capability that runs another capability inside. A single command
+in place of a tuple is put in a tuple. Any other type is refused, by the name of the class that returned it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability, Memory
 from tci.errors import CommandError
-from tci.messages import Order, Perception
+from tci.messages import CONTROL_MODES, CartesianCommand, GenericCommand, Order, Perception
 
 
 def begin_of(capability: Capability[Memory], perception: Perception, body: GenericBody) -> tuple[Order, ...]:
-    """Returns the first orders of a capability. Raises CommandError if an item is not an order (see
-    `as_orders`)."""
     return as_orders(capability.begin(perception, body), f"{type(capability).__name__}: begin")
 
 
 def step_of(
     capability: Capability[Memory], memory: Memory, perception: Perception, body: GenericBody
 ) -> tuple[tuple[Order, ...], Memory]:
-    """Returns the commands of a capability's step, and the new memory.
+    return _pair(capability.step(memory, perception, body), capability, "step")
 
-    Raises CommandError if the step does not return a pair, or if one of the commands is not an order (see
-    `as_orders`).
-    """
-    answer: object = capability.step(memory, perception, body)
-    name = type(capability).__name__
+
+def pause_of(
+    capability: Capability[Memory],
+    memory: Memory,
+    taken: frozenset[str],
+    perception: Perception,
+    body: GenericBody,
+) -> tuple[tuple[Order, ...], Memory]:
+    return _pair(capability.pause(memory, taken, perception, body), capability, "pause")
+
+
+def resume_of(
+    capability: Capability[Memory],
+    memory: Memory,
+    taken: frozenset[str],
+    last: tuple[Order, ...],
+    perception: Perception,
+    body: GenericBody,
+) -> tuple[tuple[Order, ...], Memory]:
+    return _pair(capability.resume(memory, taken, last, perception, body), capability, "resume")
+
+
+def _pair(answer: object, capability: Capability[Any], method: str) -> tuple[tuple[Order, ...], Any]:
+    """Raises CommandError unless `answer` is the pair (commands, memory)."""
+    source = f"{type(capability).__name__}: {method}"
     if isinstance(answer, tuple) and len(answer) == 2:
         commands, after = answer
         if not (isinstance(commands, Order) and isinstance(after, Order)):
-            return as_orders(commands, f"{name}: step"), after
+            return as_orders(commands, source), after
     gave = "two commands" if isinstance(answer, tuple) and len(answer) == 2 else type(answer).__name__
-    raise CommandError(f"{name}: step returned {gave}; valid: the pair (commands, memory)")
+    raise CommandError(f"{source} returned {gave}; valid: the pair (commands, memory)")
+
+
+def moved_part(order: Order) -> str:
+    """Name of the generic part that an order moves; empty if it moves nothing, or the robot's own joints."""
+    if isinstance(order, CartesianCommand) or (
+        isinstance(order, GenericCommand) and order.mode in CONTROL_MODES
+    ):
+        return order.part
+    return ""
 
 
 def as_orders(given: object, source: str) -> tuple[Order, ...]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
@@ -15,9 +14,9 @@ from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
 from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
 from tci.capabilities.fields import BodyField, default_body_fields
+from tci.capabilities.wrapper import CapabilityWrapper
 from tci.drivers.driver import Driver
 from tci.drivers.info import DriverInfo
-from tci.errors import Reason
 from tci.gate.gate import GateSettings, GateState
 from tci.gate.safe_command import SafeCommand
 from tci.lab.faults.fault_injector import FaultInjector, FaultPlan
@@ -95,25 +94,19 @@ class NoisyBody(Driver):
         return
 
 
-@dataclass
-class Counted(tci.Capability[BodyMemory]):
+class Counted(CapabilityWrapper[BodyMemory]):
     """The whole-body withdrawal. It also records the times [s] at which each part began to respond."""
 
-    reflex: BodyWithdrawal = field(default_factory=lambda: BodyWithdrawal(stance="supported"))
-    answers: list[tuple[float, str]] = field(default_factory=list)
-
-    def init(self, body: GenericBody) -> BodyMemory:
-        return self.reflex.init(body)
+    def __init__(self) -> None:
+        super().__init__(BodyWithdrawal(stance="supported"))
+        self.answers: list[tuple[float, str]] = []
 
     def step(
         self, memory: BodyMemory, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], BodyMemory]:
-        orders, after = self.reflex.step(memory, perception, body)
+        orders, after = super().step(memory, perception, body)
         self.answers += [(perception.stamp, part) for part in after if part not in memory]
         return orders, after
-
-    def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        return self.reflex.fault(perception, body)
 
 
 def felt(

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from tci.body.generic_body import GenericBody
-from tci.capabilities.capability import Capability
 from tci.capabilities.play_gesture import GestureMemory, Phase, PlayGesture
+from tci.capabilities.wrapper import CapabilityWrapper
 from tci.drivers.driver import Driver
 from tci.errors import CommandError
 from tci.messages import Order, Perception
 from tci.messages.frames import Array
-from tci.reasons import Code, Reason
+from tci.reasons import Code
 from tci.runtime.loop import Tick, run
 
 MOST = 60.0
@@ -61,41 +61,34 @@ class _Seen:
 
 
 @dataclass(frozen=True)
-class _Followed(Capability[_Seen]):
-    """Capability that plays a gesture and measures in each step how far the joints are from the gesture (the
-    tracking error)."""
+class _Followed(CapabilityWrapper[_Seen]):
+    """Plays a gesture and measures in each step how far the joints are from it (the tracking error)."""
 
-    play: PlayGesture
+    inner: PlayGesture
+
+    def inner_memory(self, memory: _Seen) -> GestureMemory:
+        return memory.inner
+
+    def with_inner_memory(self, memory: _Seen, inner: GestureMemory) -> _Seen:
+        return replace(memory, inner=inner)
 
     def init(self, body: GenericBody) -> _Seen:
-        zero = {part: np.zeros(angles.shape[1]) for part, angles in self.play.gesture.postures.items()}
-        return _Seen(self.play.init(body), None, 0, zero, zero)
-
-    def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
-        """Returns the first orders of the gesture."""
-        return self.play.begin(perception, body)
+        zero = {part: np.zeros(angles.shape[1]) for part, angles in self.inner.gesture.postures.items()}
+        return _Seen(self.inner.init(body), None, 0, zero, zero)
 
     def step(
         self, memory: _Seen, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], _Seen]:
-        """Returns the commands of the gesture, and a new memory that includes the errors of this step."""
-        orders, inner = self.play.step(memory.inner, perception, body)
-        first = perception.stamp if memory.first is None else memory.first
-        if inner.phase is not Phase.PLAY:
-            return orders, _Seen(inner, first, memory.count, memory.squares, memory.largest)
-        wanted = self.play.gesture.at(inner.time)
+        orders, after = super().step(memory, perception, body)
+        if after.first is None:
+            after = replace(after, first=perception.stamp)
+        if after.inner.phase is not Phase.PLAY:
+            return orders, after
+        wanted = self.inner.gesture.at(after.inner.time)
         errors = {part: np.abs(angles - perception.posture[part]) for part, angles in wanted.items()}
         squares = {part: memory.squares[part] + error**2 for part, error in errors.items()}
         largest = {part: np.maximum(memory.largest[part], error) for part, error in errors.items()}
-        return orders, _Seen(inner, first, memory.count + 1, squares, largest)
-
-    def notes(self, memory: _Seen) -> tuple[str, ...]:
-        """Returns the messages of the gesture for a person."""
-        return self.play.notes(memory.inner)
-
-    def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        """Returns the gesture's reason to stop the robot, or None if there is no reason."""
-        return self.play.fault(perception, body)
+        return orders, replace(after, count=after.count + 1, squares=squares, largest=largest)
 
 
 def follow(driver: Driver, play: PlayGesture, *, observe: Callable[[Tick], None] | None = None) -> Following:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField
 from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.capabilities.wrapper import unwrapped
 from tci.lab.pictures.paint import FIELD_COLOURS
 from tci.messages import Contact
 from tci.messages.frames import Array
@@ -30,7 +31,8 @@ fraction is the colour of taxels outside all fields."""
 def fields_of(capability: Capability[Any]) -> tuple[ReceptiveField, ...]:
     """Returns the receptive fields of a behaviour, or an empty tuple if the behaviour has no fields on
     limbs."""
-    return tuple(capability.fields) if isinstance(capability, WithdrawalReflex) else ()
+    inner = unwrapped(capability)
+    return tuple(inner.fields) if isinstance(inner, WithdrawalReflex) else ()
 
 
 def nearest_field(

@@ -7,12 +7,11 @@ from typing import Any
 
 from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
-from tci.capabilities.orders import begin_of, step_of
+from tci.capabilities.wrapper import CapabilityWrapper
 from tci.messages import Order, Perception
-from tci.reasons import Reason
 
 
-class Steered(Capability[Any]):
+class Steered(CapabilityWrapper[Any]):
     """Runs another capability and adds a person's orders to the orders of this capability. Recordings contain
     all these orders.
 
@@ -21,27 +20,18 @@ class Steered(Capability[Any]):
     """
 
     def __init__(self, inner: Capability[Any]) -> None:
-        self.inner = inner
+        super().__init__(inner)
         self.orders: SimpleQueue[Order] = SimpleQueue()
         """Orders of a person that wait for the next step. The method `step` returns these orders after the
         capability's orders."""
 
     def init(self, body: GenericBody) -> Any:
         self._given()
-        return self.inner.init(body)
-
-    def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
-        return begin_of(self.inner, perception, body)
+        return super().init(body)
 
     def step(self, memory: Any, perception: Perception, body: GenericBody) -> tuple[tuple[Order, ...], Any]:
-        orders, memory = step_of(self.inner, memory, perception, body)
+        orders, memory = super().step(memory, perception, body)
         return (*orders, *self._given()), memory
-
-    def notes(self, memory: Any) -> tuple[str, ...]:
-        return self.inner.notes(memory)
-
-    def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
-        return self.inner.fault(perception, body)
 
     def _given(self) -> list[Order]:
         found: list[Order] = []

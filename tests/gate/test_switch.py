@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from gate.gate_checks import LIMITS, PERIOD, Driven, make_robot, position_command
 
+from helpers.gate_checks import LIMITS, PERIOD, Driven, make_robot, position_command
 from tci.gate.gate import Gate, SafeCommand
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
 from tci.messages.frames import Array, read_only

@@ -25,7 +25,7 @@ def contact_at(body: GenericBody, patch: str, point: Array) -> Contact:
     words = body.robot.patch(patch)
     made = touch(np.nan, np.nan, [1.0], part=words.part, segment=words.segment)
     nearest, _ = body.skin.surfaces[patch].project(point[None])
-    return replace(made.table, sites=(Site(patch, words.part, words.segment),), p_L=nearest)[0]
+    return replace(made.table.changed(p_L=nearest), sites=(Site(patch, words.part, words.segment),))[0]
 
 
 @pytest.mark.parametrize("name", ROBOTS)

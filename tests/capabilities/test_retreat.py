@@ -40,7 +40,7 @@ class Room:
 
 def touches(*identities: int, force: float = 5.0) -> list[Contact]:
     """Returns contacts at the centre of the field."""
-    return [replace(poke(FIELD, force).table, identity=np.array([one]))[0] for one in identities]
+    return [poke(FIELD, force).table.changed(identity=one)[0] for one in identities]
 
 
 def seen(

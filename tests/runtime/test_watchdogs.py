@@ -313,7 +313,7 @@ def test_torques_that_no_push_explains_hold_the_robot() -> None:
 
 def test_only_touches_that_are_estimated_from_torques_are_judged_by_their_force() -> None:
     contacts = TouchedRobot("nao").perceive("left_forearm", force=5.0).contacts
-    strong = replace(contacts, force=np.array([400.0]))
+    strong = contacts.changed(force=[400.0])
     assert implausible_force(strong) is None
-    assert implausible_force(replace(strong, certainty=np.array([0.7]))) is not None
-    assert implausible_force(replace(strong, certainty=np.array([0.7]), force=np.array([90.0]))) is None
+    assert implausible_force(strong.changed(certainty=[0.7])) is not None
+    assert implausible_force(strong.changed(certainty=[0.7], force=[90.0])) is None

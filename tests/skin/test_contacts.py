@@ -366,7 +366,7 @@ def test_weighted_force_grows_with_the_force(
     skin: FeltSkin, poke: tuple[float, float, float], factor: float
 ) -> None:
     (contact,) = contacts_at(skin, press(skin, poke))
-    stronger = replace(contact.table, taxel_force=contact.table.taxel_force * factor)[0]
+    stronger = contact.table.changed(taxel_force=contact.table.taxel_force * factor)[0]
     assert weighted_force(stronger, 0.3) == pytest.approx(factor * weighted_force(contact, 0.3))
 
 

@@ -14,7 +14,7 @@ from tci.body.perceiver import Perceiver
 from tci.errors import TciError
 from tci.messages import Reading
 from tci.simulation.world import World
-from tci.skin.contacts import empty_contacts
+from tci.skin.kernels.arrays import ContactArrays
 from tci.skin.tracking import Tracker, TrackSettings
 
 
@@ -26,11 +26,12 @@ def follow(
     tracker: Tracker, patch: str, centres: np.ndarray, stamp: float
 ) -> list[tuple[float, float, float]]:
     """Returns identity, onset and displacement of contacts that consist of one taxel each."""
-    made = empty_contacts(len(centres), len(centres))
-    made.site[:], made.p_L[:] = ("arm", "hand").index(patch), centres
-    made.begin[:], made.taxel[:] = np.arange(len(centres) + 1), np.arange(len(centres))
+    made = ContactArrays.empty(len(centres), len(centres))
+    rows = made.rows
+    rows["site"], rows["p_L"] = ("arm", "hand").index(patch), centres
+    made.begin[:], made.taxels["taxel"] = np.arange(len(centres) + 1), np.arange(len(centres))
     tracker.follow(made, np.full(2, stamp))
-    return [*zip(made.identity.tolist(), made.onset.tolist(), made.displacement.tolist(), strict=True)]
+    return rows[["identity", "onset", "displacement"]].tolist()
 
 
 def identities(tracker: Tracker, *x: float, at: float, patch: str = "arm") -> list[float]:

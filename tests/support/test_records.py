@@ -10,9 +10,7 @@ from typing import Generic, TypeVar
 import numpy as np
 import pytest
 
-from tci.gate.safe_command import SafeCommand
-from tci.messages import GenericCommand, Perception, SkinFrame, SkinState
-from tci.messages.contacts import Contact, Contacts
+from tci.messages import GenericCommand, SkinFrame
 from tci.support.records import quick
 
 T = TypeVar("T")
@@ -77,12 +75,6 @@ def test_a_computed_field_is_refused() -> None:
 
     with pytest.raises(TypeError, match="values; valid"):
         quick(Computed)
-
-
-@pytest.mark.parametrize("kind", [SkinFrame, SkinState, Perception, Contacts, Contact, SafeCommand])
-def test_messages_of_each_period_are_quick(kind: type) -> None:
-    assert "__new__" in vars(kind)
-    assert "__init__" not in vars(kind)
 
 
 def test_a_subclass_is_refused_where_it_is_written() -> None:

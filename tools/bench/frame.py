@@ -17,16 +17,16 @@ from measured import Measured, cold, each, in_turn, row
 import tci
 from helpers import contact_oracle
 from helpers.felt_skin import FeltSkin, PatchFelt
-from tci.capabilities.answer import Touches, field_table, find_answers, site_numbers
+from tci.capabilities.answer import Touches, field_table, find_answers, site_numbers, touches
 from tci.capabilities.discounts import phi, psi
 from tci.capabilities.fields import default_fields
 from tci.lab.authoring.dense_skin import with_dense_skin
-from tci.messages import JointReading
+from tci.messages import Contacts, JointReading
 from tci.messages.frames import frozen
 from tci.robot.joint_map import initial_position
 from tci.robot.limb import generic_limb_distance
-from tci.skin.contacts import ContactFinder, ContactSettings, empty_contacts
-from tci.skin.kernels.arrays import AREA, FULL, LIMB_LINK, REST, SIGN, STRAIGHT, ActiveTaxels
+from tci.skin.contacts import ContactFinder, ContactSettings
+from tci.skin.kernels.arrays import AREA, FULL, LIMB_LINK, REST, SIGN, STRAIGHT, ActiveTaxels, ContactArrays
 from tci.skin.kernels.condition import condition
 from tci.skin.kernels.contacts import SUMMARY, cluster, describe
 from tci.support.compiled import inlined
@@ -57,11 +57,12 @@ def respond(
         if count == 0:
             continue
         _describe(layout, estimates.hidden, clusters, poses, posture, summary, made)
-        touches = Touches(
-            made.site[:count], made.begin, made.force, made.peak, made.limb_point, made.taxel_force,
-            made.taxel_point,
+        rows, taxels = made.rows[:count], made.taxels
+        felt = Touches(
+            rows.site, made.begin, rows.force, rows.peak, rows.limb_point, taxels.taxel_force,
+            taxels.taxel_point,
         )  # fmt: skip
-        _answer(fields, False, segments, merged, touches, beside, squares, closest, one)
+        _answer(fields, False, segments, merged, felt, beside, squares, closest, one)
         for c in range(count):
             if closest[c] >= 0:
                 gains[closest[c]] = max(gains[closest[c]], one[c])
@@ -116,7 +117,7 @@ class Frame:
         self._sites = site_numbers(self.layout.sites)[1:3]
         self._arguments = (
             *self._condition[:3], *self._condition[4:], self._clusters, *self._posture,
-            np.zeros((n, SUMMARY)), empty_contacts(n, n), *self._sites, self.table, *self._room,
+            np.zeros((n, SUMMARY)), ContactArrays.empty(n, n), *self._sites, self.table, *self._room,
             self.gains,
         )  # fmt: skip
         self.show(self.touched)
@@ -142,20 +143,13 @@ class Frame:
         count, taxels, _ = cluster(state, LIMITS, self._condition[5].onset, arrays, self._clusters)
         if count == 0:
             return
-        made = empty_contacts(count, taxels)
+        made = ContactArrays.empty(count, taxels)
         hidden = self._condition[5].hidden
         describe(arrays, hidden, self._clusters, *self._posture, np.empty((count, SUMMARY)), made)
-        touches = Touches(
-            *(
-                frozen(array)
-                for array in (
-                    made.site, made.begin, made.force, made.peak, made.limb_point, made.taxel_force,
-                    made.taxel_point,
-                )
-            )
-        )  # fmt: skip
+        none = np.zeros(0), np.zeros(0, np.int64)
+        felt = touches(Contacts((), *none, *made))
         closest, gains = np.empty(count, np.int64), np.empty(count)
-        find_answers(self.table, False, *self._sites, touches, *self._room[:2], closest, gains)
+        find_answers(self.table, False, *self._sites, felt, *self._room[:2], closest, gains)
 
     def numpy(self) -> np.ndarray:
         """Processes the frame with the tests' reference implementation: contacts are objects, and NumPy

@@ -17,7 +17,7 @@ from tci.messages import Contacts, Site
 from tci.messages.frames import Array, read_only
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.limb import generic_limb_point
-from tci.support.compiled import compiled, inlined, reads, record, writes
+from tci.support.compiled import compiled, inlined, reads, record, views, writes
 
 _SEGMENT, _X, _Y, _Z, _RADIUS, _THRESHOLD, _SATURATION, _MEASURE = range(8)
 _MEASURES = ("weighted", "total", "peak")
@@ -122,7 +122,7 @@ def _squares(fields: Array, segment: float, u: float, y: float, z: float, square
         squares[i] = square if inside else np.inf
 
 
-_TOUCHES = record(Touches, reads(1, int64), reads(1, int64), reads(1), reads(1), reads(2), reads(1), reads(2))
+_TOUCHES = record(Touches, views(1, int64), reads(1, int64), views(1), views(1), views(2), views(1), views(2))
 
 
 @compiled(

@@ -147,22 +147,21 @@ class JointTouch:
         made = describe_touches(
             self.layout, [(one.patch, one.taxel, one.force) for _, one in rows], poses, posture
         )
-        made.area[:] = AREA
+        made.rows["area"] = AREA
+        made.rows["certainty"] = [one.certainty for _, one in rows]
         for row, (part, one) in enumerate(rows):
-            touch, point = self._touches.get(part), made.p_L[row]
+            touch, point = self._touches.get(part), made.rows["p_L"][row]
             if touch is None:
                 touch = _Touch(self._next, joints.stamp, one.patch, point)
                 self._next -= 1
             elif touch.patch != one.patch:
                 touch = replace(touch, patch=one.patch, point=point)
             self._touches[part] = touch
-            made.identity[row], made.onset[row] = touch.identity, touch.onset
-            made.displacement[row] = np.linalg.norm(point - touch.point)
+            made.rows["identity"][row], made.rows["onset"][row] = touch.identity, touch.onset
+            made.rows["displacement"][row] = np.linalg.norm(point - touch.point)
         count = len(self.layout.sites)
-        return Contacts(
-            self.layout.sites, np.full(count, joints.stamp), np.full(count, joints.sequence, np.int64), *made,
-            certainty=np.array([one.certainty for _, one in rows]),
-        )  # fmt: skip
+        stamp, sequence = np.full(count, joints.stamp), np.full(count, joints.sequence, np.int64)
+        return Contacts(self.layout.sites, stamp, sequence, *made)
 
 
 def _with_forces(contacts: Contacts, forces: Array) -> Contacts:
@@ -174,8 +173,7 @@ def _with_forces(contacts: Contacts, forces: Array) -> Contacts:
         return contacts
     ratio = forces / contacts.force
     each = np.repeat(ratio, np.diff(contacts.begin))
-    return replace(
-        contacts,
+    return contacts.changed(
         force=forces,
         peak=contacts.peak * ratio,
         f_T=contacts.f_T * ratio[:, None],

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from tci.messages.contacts import Contacts, Frozen
 from tci.messages.frames import Array, read_only
 from tci.messages.readings import JointReading
-from tci.support.records import quick
 
 
-@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinState(Frozen):
     """Pressure on the whole skin at one instant. A `SkinState` lists only active taxels, which are those
@@ -72,7 +70,6 @@ class Support:
     if the model has no masses, the value is -inf."""
 
 
-@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class Perception:
     """All data that a capability gets at one instant. A perception is plain data with the same form for every

@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 
 from tci.messages.frames import Array
 from tci.messages.modes import Mode
-from tci.support.records import quick
 
 
-@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class JointReading:
     """The robot's joints at one instant, in the order of `Robot.servos`."""
@@ -38,7 +36,6 @@ class JointReading:
     robot does not report it."""
 
 
-@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinFrame:
     """One frame of one patch, with the raw values that the robot sent."""
@@ -53,7 +50,6 @@ class SkinFrame:
     """Raw values (channels,), in the sensor's own units and order."""
 
 
-@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
     """The latest data of one robot: its joints and one frame of every patch."""

@@ -174,7 +174,7 @@ class TorqueWatchdog:
 def implausible_force(contacts: Contacts) -> Reason | None:
     """Returns a reason to hold the robot if the force of a touch that is estimated from joint torques is
     implausible; otherwise None."""
-    if contacts.certainty is None:
+    if not contacts:
         return None
     forces = np.where(contacts.certainty < 1.0, contacts.force, 0.0)
     if not (forces > MOST_FORCE).any():

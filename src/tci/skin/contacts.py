@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from tci.errors import TciError, UnknownNameError
 from tci.messages import Contact, Contacts, Site, SkinState
+from tci.messages.contacts import CONTACT, TAXEL
 from tci.messages.frames import Array
 from tci.robot.kernels.weighted_force import mean_force
 from tci.robot.limb import generic_limb_point
@@ -113,7 +114,7 @@ class ContactFinder:
             self.contacts = _NONE
             return self.contacts
         angles, links = self._angles(posture), poses()
-        made = empty_contacts(count, taxels)
+        made = ContactArrays.empty(count, taxels)
         room = np.empty((count, SUMMARY))
         _describe(layout.arrays, estimates.hidden, clusters, links, angles, room, made)
         if state.vector is not None:
@@ -153,15 +154,16 @@ class ContactFinder:
 
     def _turn(self, made: ContactArrays, state: SkinState, vectors: Array, poses: Array) -> None:
         """Computes the force vectors [N] of contacts on three-axis taxels in the torso frame, and writes them
-        to `made.f_T`. `vectors` (k, 3) [N] are the measured forces on all active taxels, in the frames of
+        to `made`. `vectors` (k, 3) [N] are the measured forces on all active taxels, in the frames of
         their links."""
-        for row, p in enumerate(made.site.tolist()):
+        rows, taxels = made.rows, made.taxels
+        for row, p in enumerate(rows["site"].tolist()):
             if self.layout.patches[p].description.sensor.axes == AXES:
                 own = slice(*state.begin[p : p + 2])
                 own_taxels = slice(*made.begin[row : row + 2].tolist())
-                own_vectors = vectors[own][np.searchsorted(state.active[own], made.taxel[own_taxels])]
-                sums = own_vectors.sum(axis=0) * made.force[row] / made.taxel_force[own_taxels].sum()
-                made.f_T[row] = poses[self.layout.arrays.on[p, 0]][:3, :3] @ sums
+                own_vectors = vectors[own][np.searchsorted(state.active[own], taxels["taxel"][own_taxels])]
+                sums = own_vectors.sum(axis=0) * rows["force"][row] / taxels["taxel_force"][own_taxels].sum()
+                rows["f_T"][row] = poses[self.layout.arrays.on[p, 0]][:3, :3] @ sums
 
 
 def _limb_angles(parts: Sequence[str], posture: Mapping[str, Array]) -> Array:
@@ -198,22 +200,11 @@ def describe_touches(
         member=(layout.starts[list(patches)] + taxels).astype(np.int32),
         member_force=np.array(forces, np.float64),
     )  # fmt: skip
-    made = empty_contacts(count, count)
+    made = ContactArrays.empty(count, count)
     angles = _limb_angles(layout.parts, posture)
     whole = np.zeros(len(layout.arrays.taxel))
     _describe(layout.arrays, whole, clusters, poses, angles, np.empty((count, SUMMARY)), made)
     return made
-
-
-def empty_contacts(count: int, taxels: int) -> ContactArrays:
-    """Returns empty arrays for `count` contacts that have `taxels` taxels altogether."""
-    empty, vectors = np.empty, (count, 3)
-    return ContactArrays(
-        empty(count, np.int64), empty(count, np.int64), empty(count), empty(count), empty(count),
-        empty(count), empty(count), empty(vectors), empty(vectors), empty(vectors), empty(vectors),
-        empty(vectors), empty(count), empty(count), empty(vectors), empty(count + 1, np.int64),
-        empty(taxels, np.int64), empty(taxels), empty((taxels, 3)),
-    )  # fmt: skip
 
 
 def single_contact(
@@ -225,25 +216,16 @@ def single_contact(
     `vectors` are p_L, n_L, p_T, n_T and f_T, each (3,): centre of pressure [m] and outward unit normal in the
     frames of the link and of the torso, and force [N] on the skin in the torso frame.
     """
-    forces = np.array(forces, np.float64)
-    made = ContactArrays(
-        site=np.zeros(1, np.int64),
-        identity=np.zeros(1, np.int64),
-        onset=np.zeros(1),
-        displacement=np.zeros(1),
-        force=np.array([forces.sum()]),
-        peak=np.array([forces.max(initial=0.0)]),
-        area=np.array([area]),
-        u=np.array([u]),
-        theta=np.array([theta]),
-        limb_point=generic_limb_point([u], [theta]),
-        begin=np.array([0, len(forces)]),
-        taxel=np.array(taxels, np.int64),
-        taxel_force=forces,
-        taxel_point=generic_limb_point(taxel_u, taxel_theta),
-        **{name: np.array([vector], np.float64) for name, vector in vectors.items()},
-    )
-    return Contacts((site,), np.array([stamp]), np.array([sequence], np.int64), *made)[0]
+    row, pressed = np.zeros(1, CONTACT), np.zeros(np.shape(forces), TAXEL)
+    pressed["taxel"], pressed["taxel_force"] = taxels, forces
+    pressed["taxel_point"] = generic_limb_point(taxel_u, taxel_theta)
+    force, peak = pressed["taxel_force"].sum(), pressed["taxel_force"].max(initial=0.0)
+    values = {"force": force, "peak": peak, "area": area, "u": u, "theta": theta, "certainty": 1.0}
+    for name, value in {**values, **vectors}.items():
+        row[name] = value
+    row["limb_point"] = generic_limb_point([u], [theta])
+    begin = np.array([0, len(pressed)])
+    return Contacts((site,), np.array([stamp]), np.array([sequence]), row, begin, pressed)[0]
 
 
 def centre_of_pressure(positions: Array, forces: Array) -> Array:

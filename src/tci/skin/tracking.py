@@ -49,8 +49,8 @@ class Tracker:
         frame before, at a distance of at most `reach`; the nearest pairs are matched first. Contacts without
         a match are new.
         """
-        tracks = np.empty((len(self._tracks) + len(contacts.site), TRACK))
-        best = np.empty((len(contacts.site), 3))
+        tracks = np.empty((len(self._tracks) + len(contacts.rows), TRACK))
+        best = np.empty((len(contacts.rows), 3))
         self._next, used = _track(
             self._tracks,
             stamps,

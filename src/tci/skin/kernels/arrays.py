@@ -3,12 +3,14 @@ and contacts."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import boolean, float32, float64, int32, int64
+from numba import boolean, float32, float64, from_dtype, int32, int64
 from numpy.typing import NDArray
 
+from tci.messages.contacts import CONTACT
+from tci.messages.contacts import TAXEL as PRESSED
 from tci.messages.frames import Array
 from tci.support.compiled import reads, record, writes
 
@@ -186,28 +188,19 @@ class Clusters(NamedTuple):
 
 
 class ContactArrays(NamedTuple):
-    """Contacts of one frame, in the form that the compiled loops write. The class `Contacts` explains the
-    arrays, their shapes and units."""
+    """Contacts of one frame, in the form that the compiled loops write."""
 
-    site: Places
-    identity: Places
-    onset: Array
-    displacement: Array
-    force: Array
-    peak: Array
-    area: Array
-    p_L: Array
-    n_L: Array
-    p_T: Array
-    n_T: Array
-    f_T: Array
-    u: Array
-    theta: Array
-    limb_point: Array
+    rows: Any
+    """Records (c,) of type `CONTACT`."""
     begin: Places
-    taxel: Places
-    taxel_force: Array
-    taxel_point: Array
+    """Place (c + 1,) in `taxels` at which each contact's taxels begin; the last element is their number."""
+    taxels: Any
+    """Records (k,) of type `TAXEL`."""
+
+    @classmethod
+    def empty(cls, count: int, taxels: int) -> ContactArrays:
+        """Room for `count` contacts that have `taxels` taxels altogether."""
+        return cls(np.empty(count, CONTACT), np.empty(count + 1, np.int64), np.empty(taxels, PRESSED))
 
 
 LAYOUT = record(
@@ -230,9 +223,6 @@ CLUSTERS = record(
     Clusters, writes(1), writes(1, int32), writes(1, int32), writes(1, int64), writes(1, int32),
     writes(1, int32), writes(1),
 )  # fmt: skip
-_C, _V = writes(1), writes(2)
 CONTACTS = record(
-    ContactArrays, writes(1, int64), writes(1, int64), _C, _C, _C, _C, _C, _V, _V, _V, _V, _V, _C, _C, _V,
-    writes(1, int64), writes(1, int64), _C, _V,
-)  # fmt: skip
-"""Type of `ContactArrays` for Numba, field by field. Arrays without a stated type contain `float64`."""
+    ContactArrays, writes(1, from_dtype(CONTACT)), writes(1, int64), writes(1, from_dtype(PRESSED))
+)

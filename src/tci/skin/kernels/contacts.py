@@ -262,18 +262,19 @@ def _write(
 ) -> None:
     """Writes the data of one contact of patch `p`, except for its taxels, to index `c` of the arrays in
     `out`. `row` (13,) contains the contact in the frame of the link."""
-    out.site[c], out.force[c], out.peak[c], out.area[c] = p, row[FORCE], row[PEAK], row[AREA_SUM]
-    out.u[c], out.theta[c] = row[U], row[THETA]
-    out.limb_point[c, 0], out.limb_point[c, 1], out.limb_point[c, 2] = row[U], row[Y], row[Z]
+    to = out.rows[c]
+    to.site, to.force, to.peak, to.area = p, row[FORCE], row[PEAK], row[AREA_SUM]
+    to.u, to.theta, to.certainty = row[U], row[THETA], 1.0
+    to.limb_point[0], to.limb_point[1], to.limb_point[2] = row[U], row[Y], row[Z]
     x, y, z = row[POINT], row[POINT + 1], row[POINT + 2]
     nx, ny, nz = row[NORMAL], row[NORMAL + 1], row[NORMAL + 2]
     for axis in range(3):
-        out.p_L[c, axis], out.n_L[c, axis] = row[POINT + axis], row[NORMAL + axis]
+        to.p_L[axis], to.n_L[axis] = row[POINT + axis], row[NORMAL + axis]
         n_T = T_TL[axis, 0] * nx + T_TL[axis, 1] * ny + T_TL[axis, 2] * nz
         at = T_TL[axis, 0] * x + T_TL[axis, 1] * y + T_TL[axis, 2] * z
-        out.p_T[c, axis] = at + T_TL[axis, 3]
-        out.n_T[c, axis] = n_T
-        out.f_T[c, axis] = -row[FORCE] * n_T
+        to.p_T[axis] = at + T_TL[axis, 3]
+        to.n_T[axis] = n_T
+        to.f_T[axis] = -row[FORCE] * n_T
 
 
 @inlined
@@ -287,9 +288,10 @@ def _write_taxels(
     length, side = layout.limb[p, 12], layout.limb[p, 13]
     for place in range(clusters.bound[found], clusters.bound[found + 1]):
         i = clusters.member[place]
-        out.taxel[to], out.taxel_force[to] = i - begin, clusters.member_force[place]
+        one = out.taxels[to]
+        one.taxel, one.taxel_force = i - begin, clusters.member_force[place]
         u, y, z = _on_limb(T_SL, taxels[i, 0], taxels[i, 1], taxels[i, 2], length, side)
-        out.taxel_point[to, 0], out.taxel_point[to, 1], out.taxel_point[to, 2] = u, y, z
+        one.taxel_point[0], one.taxel_point[1], one.taxel_point[2] = u, y, z
         to += 1
     out.begin[c + 1] = to
 
@@ -308,7 +310,7 @@ def describe(
     frame. `posture` (parts, 4) [rad] are the first four generic angles of each limb. `summary` (c, 13) is
     work space.
     """
-    c, order = 0, out.identity
+    c, order = 0, out.rows.identity
     out.begin[0] = 0
     for p in range(len(clusters.counts)):
         first = c

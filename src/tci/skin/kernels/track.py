@@ -46,8 +46,8 @@ def _find_nearest(
     """
     best[c, 1], best[c, 2] = _FREE, np.inf
     for i in range(known):
-        if int(tracks[i, PATCH]) == out.site[c]:
-            far = _distance(out.p_L[c], tracks[i, PLACE : PLACE + 3])
+        if int(tracks[i, PATCH]) == out.rows.site[c]:
+            far = _distance(out.rows.p_L[c], tracks[i, PLACE : PLACE + 3])
             if far <= reach and far < best[c, 2] and not _is_taken(i, best, begin, end):
                 best[c, 1], best[c, 2] = i, far
 
@@ -88,7 +88,9 @@ def _first_new(out: ContactArrays, best: Array, begin: int, end: int) -> int:
     """
     first = -1
     for c in range(begin, end):
-        if best[c, 0] == 0.0 and (first < 0 or out.taxel[out.begin[c]] < out.taxel[out.begin[first]]):
+        if best[c, 0] == 0.0 and (
+            first < 0 or out.taxels.taxel[out.begin[c]] < out.taxels.taxel[out.begin[first]]
+        ):
             first = c
     return first
 
@@ -113,20 +115,20 @@ def track(
     tracks are written to `tracks` (t + c, 10). `best` (c, 3) is work space. Returns the next free identity
     and the number of rows in use in `tracks`.
     """
-    used, contacts, begin = 0, len(out.site), 0
+    used, contacts, begin = 0, len(out.rows), 0
     for i in range(len(old)):  # tracks of patches without contacts wait for the next one
         p = int(old[i, PATCH])
         touched = False
         for c in range(contacts):
-            touched |= out.site[c] == p
+            touched |= out.rows.site[c] == p
         if not touched or stamps[p] - old[i, SEEN] <= linger:
             for column in range(TRACK):
                 tracks[used, column] = old[i, column]
             used += 1
     known = used
     while begin < contacts:
-        p, end = out.site[begin], begin
-        while end < contacts and out.site[end] == p:
+        p, end = out.rows.site[begin], begin
+        while end < contacts and out.rows.site[end] == p:
             end += 1
         _assign(tracks, known, reach, out, best, begin, end)
         while True:
@@ -136,15 +138,15 @@ def track(
             best[new, 0], best[new, 1] = 1.0, used
             tracks[used, PATCH], tracks[used, IDENTITY], tracks[used, BEGAN] = p, fresh, stamps[p]
             for axis in range(3):
-                tracks[used, ORIGIN + axis] = out.p_L[new, axis]
+                tracks[used, ORIGIN + axis] = out.rows.p_L[new, axis]
             used += 1
             fresh += 1
         for c in range(begin, end):
             own = tracks[int(best[c, 1])]
             own[SEEN] = stamps[p]
             for axis in range(3):
-                own[PLACE + axis] = out.p_L[c, axis]
-            out.identity[c], out.onset[c] = int(own[IDENTITY]), own[BEGAN]
-            out.displacement[c] = _distance(out.p_L[c], own[ORIGIN:PLACE])
+                own[PLACE + axis] = out.rows.p_L[c, axis]
+            out.rows.identity[c], out.rows.onset[c] = int(own[IDENTITY]), own[BEGAN]
+            out.rows.displacement[c] = _distance(out.rows.p_L[c], own[ORIGIN:PLACE])
         begin = end
     return fresh, used

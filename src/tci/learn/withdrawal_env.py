@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.body.generic_body import GenericBody
-from tci.body.perceiver import Perceiver
 from tci.body.places import find_place
 from tci.capabilities.fields import default_fields
 from tci.drivers.simulated import SimulatedDriver
@@ -25,6 +24,7 @@ from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.robot.description import GenericPart, Robot
 from tci.robot.generic_arm import SEGMENTS
+from tci.runtime.control import Control
 from tci.simulation.world import World
 from tci.support.installed import needs
 
@@ -184,15 +184,14 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         # With a separate generator, the noise does not change the point and the time of the poke.
         self.world.reset(seed=int(self.np_random.spawn(1)[0].integers(2**32)))
         self.driver = SimulatedDriver(self.robot, world=self.world, rate=self._rate)
-        self.perceiver = Perceiver(self.body)
+        self._control = Control(self.driver, self.body)
         self.time, self._due = 0.0, self.np_random.uniform(0.1, 0.4) * self.duration
         self._poked = False
         seen = self._look()
         self._task = np.array(seen.posture[self.part.name])
         self._before = self._task
         if self.mode is not Mode.POSITION:
-            self._write([SwitchMode(self.part.name, self.mode)])
-            seen = self._look()
+            self._control.act([SwitchMode(self.part.name, self.mode)])
         return self._observe(seen, self.period), {"harm": 0.0, "effort": 0.0, "task": 0.0, "force": 0.0}
 
     def step(self, action: NDArray[np.float64]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -204,10 +203,9 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         while self.time < end - 1e-9:
             if not self._poked and self.time >= self._due:
                 self._poke()
-            self._write(orders)
+            self._control.act(orders)
             orders = []
             self.time += self.driver.period
-            self.world.advance(self.time)
             seen = self._look()
             harm = max(harm, self._harm(seen))
         took = self.time - begin
@@ -250,14 +248,11 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             self.world.finger.poke(place.patch, place.p_L, place.n_L, speed=speed, depth=depth)
 
     def _look(self) -> Perception:
-        self._reading = self.driver.read()
-        self._seen = self.perceiver.step(self._reading, self.world.time)
+        moment = self._control.observe()
+        assert moment is not None  # a simulation goes on
+        assert moment.perception is not None  # and its frames fit
+        self._seen = moment.perception
         return self._seen
-
-    def _write(self, orders: list[Any]) -> None:
-        joints = self._reading.joints
-        platform, refused = self.body.to_platform(orders, joints)
-        self.driver.write(self.driver.gate.step(platform, joints, self.world.time, refused=refused))
 
     def _harm(self, seen: Perception) -> float:
         """Returns the largest pressure on the arm, divided by `pain`, the pressure that counts as pain."""

@@ -43,6 +43,7 @@ def record(
     from tci.gestures.files import write_csv
     from tci.gestures.gesture import LONGEST, SAMPLE, record
     from tci.robot.catalogue import load_robot
+    from tci.runtime.control import Control
 
     _writable(file)
     words = load_robot(robot)
@@ -56,8 +57,8 @@ def record(
 
     try:
         with connect(words, via, arm=False) as driver, suppress(KeyboardInterrupt):
-            for now in driver.ticks(duration=duration):
-                joints = driver.read().joints
+            for moment in Control(driver, write=False).periods(duration=duration):
+                now, joints = moment.now, moment.reading.joints
                 if times and now - times[0] > LONGEST:
                     break
                 due = not times or now - times[-1] >= SAMPLE - 1e-9

@@ -29,6 +29,7 @@ def record(
     from tci.cli.session import recorder_for
     from tci.drivers.registry import connect
     from tci.robot.catalogue import load_robot
+    from tci.runtime.control import Control
 
     with (
         connect(load_robot(robot), via, arm=False) as driver,
@@ -38,8 +39,8 @@ def record(
             words = f"recording {driver.robot.name} to {file}; end with Ctrl-C"
             console.print(words, highlight=False, markup=False)
         with suppress(KeyboardInterrupt):
-            for now in driver.ticks(duration=duration):
-                recorder.tick(now, driver.read())
+            for moment in Control(driver, write=False).periods(duration=duration):
+                recorder.tick(moment.now, moment.reading)
                 if recorder.failed:
                     break
     print_recording(recorder, as_json=as_json)

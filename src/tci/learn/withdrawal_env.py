@@ -250,8 +250,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
     def _look(self) -> Perception:
         moment = self._control.observe()
         assert moment is not None  # a simulation goes on
-        assert moment.perception is not None  # and its frames fit
-        self._seen = moment.perception
+        self._seen = moment.perceived()
         return self._seen
 
     def _harm(self, seen: Perception) -> float:

@@ -132,9 +132,10 @@ class Control:
         now = next(self._ticks, None)
         if now is None:
             return None
-        self._begun = time.perf_counter()
         missed = self._timing(now)
+        self._begun = time.perf_counter()
         reading = self.driver.read()
+        took = time.perf_counter() - self._begun
         if self._sensed is not None:
             self._sensed(reading)
         self._joints = reading.joints
@@ -149,7 +150,7 @@ class Control:
                 self._misfit = now if self._misfit is None else self._misfit
                 if now - self._misfit > PERSISTS:
                     self.driver.gate.stop(error.reason)
-        moment = self._moment = Moment(now, reading, perception, missed, misfit)
+        moment = self._moment = Moment(now, reading, perception, took, missed, misfit)
         for watchdog in self._watchdogs:
             self.driver.gate.hold(watchdog(moment))
         return moment

@@ -18,10 +18,18 @@ class Moment:
     reading: Reading
     perception: Perception | None = None
     """None without a body, and where the frames of the reading do not fit the robot (`misfit`)."""
+    took: float = 0.0
+    """Time [s] that `Driver.read` took, on the machine's clock."""
     missed: int = 0
     """Periods that were skipped since the previous one."""
     misfit: FrameError | None = None
     """Why the reading gave no perception."""
+
+    def perceived(self) -> Perception:
+        """The perception. Raises FrameError if there is none."""
+        if self.perception is None:
+            raise self.misfit or FrameError("nothing perceives here; valid: Control(driver, body)")
+        return self.perception
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,6 +27,7 @@ from tci.lab.commissioning.hardware import ServoCheck
 from tci.lab.commissioning.operator import Operator
 from tci.messages import Mode, PlatformCommand
 from tci.reasons import Code
+from tci.runtime.control import Control
 from tci.wires.unitree import messages
 from tci.wires.unitree.driver import UnitreeDriver
 from tci.wires.unitree.handover import GIVE, KP, LONGEST, ROWS, TAKE, Phase, Q
@@ -152,7 +153,7 @@ def test_legs_are_refused_by_name_and_the_rest_goes_on(domain: int, puppet: Pupp
         assert [refusal.code for refusal in sent.refusals] == [Code.ROBOT_REFUSES]
         assert "left_knee_joint can't be moved: rt/arm_sdk moves waist and arms" in str(sent.refusals[0])
         assert sent.orders == (elbow,)
-        check = ServoCheck(driver, cast("Operator", None))
+        check = ServoCheck(Control(driver), cast("Operator", None))
         found = [check.check(leg) for leg in legs]
     assert {finding.level for finding in found} == {Level.NOTE}
     assert all("rt/arm_sdk moves waist and arms" in finding.what for finding in found)

@@ -32,6 +32,7 @@ from tci.robot.skin_files.calibration import (
     SkinCalibration,
     calibration_path,
 )
+from tci.runtime.control import Control
 from tci.simulation.finger import STIFFNESS
 from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface, build_surface
@@ -183,8 +184,9 @@ class _LoadSession:
 
     def _frames(self) -> Iterator[tuple[float, Array]]:
         last: float | None = None
-        for now in self.driver.ticks():
-            frame = next((one for one in self.driver.read().skin if one.patch == self.patch), None)
+        for moment in Control(self.driver, write=False).periods():
+            now = moment.now
+            frame = next((one for one in moment.reading.skin if one.patch == self.patch), None)
             last = now if last is None else last
             if frame is not None and frame.sequence != self._sequence:
                 self._sequence, last = frame.sequence, now

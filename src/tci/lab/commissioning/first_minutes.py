@@ -18,6 +18,8 @@ from tci.lab.commissioning.streams import observe
 from tci.messages import Mode, PlatformCommand
 from tci.robot.description import Patch, Robot, Servo
 from tci.robot.joint_map import generic_posture
+from tci.runtime.control import Control
+from tci.runtime.watchdogs import missed_periods
 
 LOOK = 1.0
 """Time [s] for which the check reads the robot's sensors before the first motion. Assumed: every patch sends
@@ -55,8 +57,9 @@ def first_minutes(
             found.append(finding)
             show(finding)
 
-    check = ServoCheck(driver, operator)
-    with driver.commanding():
+    control = Control(driver, who="the first check", watchdogs=[missed_periods])
+    check = ServoCheck(control, operator)
+    with control:
         note(finding for finding in judge(driver, observe(driver, LOOK)) if finding.level is not Level.OK)
         names = {servo.name for servo in driver.robot.servos}
         if any(finding.level is Level.FAULT and finding.subject not in names for finding in found):
@@ -71,7 +74,7 @@ def first_minutes(
         for part in driver.robot.parts:
             if part.name in unsure:
                 wrong |= set(_servos_of(driver.robot, part.name))
-        note(_stiffen(driver, operator, [servo for servo in servos if servo.name not in wrong]))
+        note(_stiffen(control, operator, [servo for servo in servos if servo.name not in wrong]))
         for servo in servos:
             note(iter([_left_out(servo) if servo.name in wrong else check.check(servo)]))
         if patches:
@@ -142,8 +145,9 @@ def _postures(driver: Driver, operator: Operator, servos: Sequence[Servo]) -> It
             )  # fmt: skip
 
 
-def _stiffen(driver: Driver, operator: Operator, servos: Sequence[Servo]) -> Iterator[Finding]:
+def _stiffen(control: Control, operator: Operator, servos: Sequence[Servo]) -> Iterator[Finding]:
     """Switches on the servos that are off, if the operator gives permission."""
+    driver = control.driver
     powered, unreached = driver.read().joints.powered, driver.info.unreached
     servos = [servo for servo in servos if servo.index not in unreached]
     off = [] if powered is None else [servo for servo in servos if not powered[servo.index]]
@@ -158,10 +162,9 @@ def _stiffen(driver: Driver, operator: Operator, servos: Sequence[Servo]) -> Ite
         Mode.STIFFNESS, np.array([s.index for s in off]), np.full(count, STIFFNESS), np.full(count, np.inf)
     )
     pending = [share]
-    for now in driver.ticks(duration=POWER):
-        joints = driver.read().joints
-        driver.write(driver.gate.step(pending, joints, now))
-        pending = []
+    for moment in control.periods(duration=POWER):
+        control.act(pending)
+        pending, joints = [], moment.reading.joints
         if joints.powered is not None and all(joints.powered[servo.index] for servo in off):
             yield Finding(Level.OK, "power", f"switched on: {names}")
             return

@@ -24,6 +24,8 @@ from tci.robot.dynamics import Dynamics
 from tci.robot.joint_calibration import JointCalibration, JointFriction, joint_calibration
 from tci.robot.json_file import write_json
 from tci.robot.kinematics import KinematicChain
+from tci.runtime.control import Control
+from tci.runtime.watchdogs import missed_periods
 
 SPAN = float(np.deg2rad(10.0))
 """Angle [rad] of a sweep. Assumed: larger than the angle between two teeth of a gear."""
@@ -44,13 +46,13 @@ the measured motor currents."""
 class FrictionSweeps:
     """Sweeps one servo after another, if the operator gives permission, and stores the measured friction."""
 
-    def __init__(self, driver: Driver, operator: Operator, calibration: JointCalibration) -> None:
+    def __init__(self, control: Control, operator: Operator, calibration: JointCalibration) -> None:
         """Prepares the sweeps. The computed torques include the tools and rotors in the present
         `calibration`. Raises the errors of `Dynamics`."""
-        self.driver, self.operator = driver, operator
+        self.control, self.driver, self.operator = control, control.driver, operator
         self.calibration = calibration
         """Calibration with the friction of all servos that were measured so far."""
-        self._dynamics = Dynamics(driver.robot, calibration)
+        self._dynamics = Dynamics(control.driver.robot, calibration)
 
     def sweep(self, servo: Servo) -> Finding:
         """Sweeps one servo in both directions at each of `SPEEDS`, and computes the friction of the servo."""
@@ -87,14 +89,14 @@ class FrictionSweeps:
         Returns the readings during the motion, and the reason for an early end of the motion. The reason is
         empty if the servo arrived.
         """
-        driver, seen = self.driver, list[JointReading]()
+        seen = list[JointReading]()
         command = PlatformCommand(
             Mode.POSITION, np.array([servo.index]), np.array([target]), np.array([speed])
         )
         pending = [command]
-        for now in driver.ticks(duration=SPAN / speed + PATIENCE):
-            joints = driver.read().joints
-            safe = driver.write(driver.gate.step(pending, joints, now))
+        for moment in self.control.periods(duration=SPAN / speed + PATIENCE):
+            joints = moment.reading.joints
+            safe = self.control.act(pending)
             if safe.state is GateState.STOP or safe.refusals:
                 return seen, f"the gate ended it: {safe.reason or safe.refusals[0]}"
             pending = [command] if safe.state is GateState.HOLD else []
@@ -113,9 +115,10 @@ def measure_friction(
     Raises the errors of `joint_calibration`, `Dynamics` and `write_json`.
     """
     robot = driver.robot
-    sweeps = FrictionSweeps(driver, operator, joint_calibration(robot))
+    control = Control(driver, who="the friction sweeps", watchdogs=[missed_periods])
+    sweeps = FrictionSweeps(control, operator, joint_calibration(robot))
     feeling = feeling_servos(robot, KinematicChain(robot))
-    with driver.commanding():
+    with control:
         found = tuple(sweeps.sweep(servo) for servo in servos if servo in feeling)
     when = datetime.now(UTC).isoformat(timespec="seconds")
     write_json(file, sweeps.calibration.model_copy(update={"date": when}))

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.drivers.diagnosis import Finding, Level
-from tci.drivers.driver import Driver
 from tci.gate.gate import GateState
 from tci.lab.commissioning.expected_motion import expected_motion
 from tci.lab.commissioning.operator import Operator
@@ -20,6 +19,7 @@ from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot, Servo
 from tci.robot.kinematics import KinematicChain
+from tci.runtime.control import Control
 
 MOST = float(np.deg2rad(2.0))
 """Largest permitted motion [rad] of any servo. Assumed: a motion of this angle is visible, and too small to
@@ -62,8 +62,9 @@ ELSE = "check cables, and the order of joints in the binding, before anything el
 class ServoCheck:
     """Moves one servo after another and compares each motion with the expected motion."""
 
-    def __init__(self, driver: Driver, operator: Operator) -> None:
-        self.driver, self.operator = driver, operator
+    def __init__(self, control: Control, operator: Operator) -> None:
+        self.control, self.driver, self.operator = control, control.driver, operator
+        driver = control.driver
         self._kinematics = KinematicChain(driver.robot) if driver.robot.model is not None else None
         self._small: set[str] = set()
         self.largest = 0.0
@@ -152,9 +153,9 @@ class ServoCheck:
         held = 0
         others = np.arange(len(start)) != servo.index
         tail: list[Array] = []
-        for now in driver.ticks(duration=ARRIVE):
-            reading = driver.read()
-            safe = driver.write(driver.gate.step(pending, reading.joints, now))
+        for moment in self.control.periods(duration=ARRIVE):
+            now, reading = moment.now, moment.reading
+            safe = self.control.act(pending)
             held += safe.state is GateState.HOLD
             if safe.state is GateState.STOP or held * driver.period > HOLDS:
                 code = Code.OTHER if safe.reason is None else safe.reason.code
@@ -202,7 +203,7 @@ class ServoCheck:
     def _at_rest(self) -> tuple[Array, float]:
         """Returns the mean angles (n,) [rad] of the servos at rest, and three times the standard deviation
         [rad] of the noisiest encoder (at least 0.01 degrees)."""
-        samples = [self.driver.read().joints.position for _ in self.driver.ticks(duration=SETTLE)]
+        samples = [one.reading.joints.position for one in self.control.periods(duration=SETTLE)]
         noise = float(np.std(samples, axis=0).max()) * 3.0
         return np.mean(samples, axis=0), max(noise, float(np.deg2rad(0.01)))
 

@@ -15,6 +15,7 @@ from tci.lab.commissioning.operator import Operator
 from tci.messages import Reading
 from tci.messages.frames import Array
 from tci.robot.description import Patch
+from tci.runtime.control import Control
 from tci.skin.skin import Skin
 
 REST = 0.5
@@ -40,6 +41,7 @@ class SkinCheck:
     def __init__(self, driver: Driver, operator: Operator) -> None:
         """Computes the places of all taxels of the robot. Raises the errors of `Skin`."""
         self.driver, self.operator = driver, operator
+        self._control = Control(driver, write=False)
         self.skin = Skin(driver.robot)
 
     def check(self, patch: Patch, count: int | None) -> Iterator[Finding]:
@@ -60,15 +62,15 @@ class SkinCheck:
         if not self.operator.press(patch.name, taxel, self._where(patch, taxel)):
             return Finding(Level.NOTE, subject, "not pressed")
         responses: dict[str, Array] = {}
-        for _ in self.driver.ticks(duration=PRESS):
-            responses = self._responses(rest, noise, self.driver.read())
+        for moment in self._control.periods(duration=PRESS):
+            responses = self._responses(rest, noise, moment.reading)
             if responses:
                 break
         self._settle()
         responses = self._responses(rest, noise, self.driver.read()) or responses
         self.operator.release()
-        for _ in self.driver.ticks(duration=PRESS):
-            if not self._responses(rest, noise, self.driver.read()):
+        for moment in self._control.periods(duration=PRESS):
+            if not self._responses(rest, noise, moment.reading):
                 break
         return self._judge(subject, patch, taxel, responses)
 
@@ -126,8 +128,8 @@ class SkinCheck:
         """Returns by patch name the mean value (taxels,) of each taxel at rest, and the least change
         (taxels,) that counts as a touch."""
         samples: dict[str, list[Array]] = {}
-        for _ in self.driver.ticks(duration=REST):
-            for name, values in self._values(self.driver.read()).items():
+        for moment in self._control.periods(duration=REST):
+            for name, values in self._values(moment.reading).items():
                 samples.setdefault(name, []).append(values)
         rest = {name: np.mean(some, axis=0) for name, some in samples.items()}
         sensors = {name: self.driver.robot.patch(name).sensor for name in samples}
@@ -142,8 +144,8 @@ class SkinCheck:
     def _settle(self) -> None:
         """Reads frames for 0.1 s, because the first values of a touch do not yet show the place of the
         touch."""
-        for _ in self.driver.ticks(duration=0.1):
-            self.driver.read()
+        for _ in self._control.periods(duration=0.1):
+            pass
 
     def _values(self, reading: Reading) -> dict[str, NDArray[np.float64]]:
         """Returns the raw values (taxels,) of each patch by patch name."""

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,6 +11,7 @@ import numpy as np
 from tci.drivers.driver import Driver
 from tci.messages import Reading
 from tci.messages.frames import Array
+from tci.runtime.control import Control
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,11 +128,10 @@ def observe(
     kept: list[Reading] = []
     every = max(1, int(duration / driver.period) // HISTORY)
     begin = before = None
-    for now in driver.ticks(duration=duration):
+    for moment in Control(driver, write=False).periods(duration=duration):
+        now, reading = moment.now, moment.reading
         begin = now if begin is None else begin
-        started = time.perf_counter()
-        reading = driver.read()
-        cost.append(time.perf_counter() - started)
+        cost.append(moment.took)
         before = driver.clock.now()
         joints.add(reading.joints.sequence, reading.joints.stamp, before)
         for frame in reading.skin:

@@ -21,12 +21,13 @@ from tci.lab.experiments.experiment import SIDES, trials_of
 from tci.lab.experiments.measure import Trial
 from tci.lab.experiments.patch_trials import PatchTrial, patch_trials_of
 from tci.lab.experiments.poke import Stimulus
-from tci.messages import GenericCommand, Mode
+from tci.messages import GenericCommand, Mode, PlatformCommand
 from tci.messages.frames import Array, angle_between, apply
 from tci.robot.description import GenericPart, Robot
 from tci.robot.generic_arm import JOINTS, forearm_rotation, side_sign, upper_arm_rotation
 from tci.robot.joint_map import initial_position
 from tci.robot.kinematics import KinematicChain
+from tci.runtime.control import Control
 from tci.simulation.world import World
 
 RANGE = np.deg2rad([[-10, 95], [0, 75], [-30, 65], [15, 90], [-60, 60]])
@@ -212,21 +213,19 @@ def limit_faults(robot: Robot) -> list[str]:
     generator = np.random.default_rng(4)
     sent, positions, velocities = [], [], []
     change = -1
-    commands: list[GenericCommand] = []
-    for now in driver.ticks(duration=TARGETS * PACE):
-        reading = driver.read()
-        if int(now / PACE) > change:
-            change = int(now / PACE)
-            commands = [
-                GenericCommand(f"{side}_arm", Mode.POSITION, generator.uniform(-2.0, 2.0, len(JOINTS)))
-                for side in SIDES
-            ]
-        orders = [to_platform(robot, c, position=reading.joints.position) for c in commands]
-        commands = []
-        safe = driver.write(driver.gate.step(orders, reading.joints, now))
-        sent.append(safe)
-        positions.append(reading.joints.position)
-        velocities.append(reading.joints.velocity)
+    control = Control(driver)
+    for moment in control.periods(duration=TARGETS * PACE):
+        joints = moment.reading.joints
+        orders: list[PlatformCommand] = []
+        if int(moment.now / PACE) > change:
+            change = int(moment.now / PACE)
+            for side in SIDES:
+                target = generator.uniform(-2.0, 2.0, len(JOINTS))
+                command = GenericCommand(f"{side}_arm", Mode.POSITION, target)
+                orders.append(to_platform(robot, command, position=joints.position))
+        sent.append(control.act(orders))
+        positions.append(joints.position)
+        velocities.append(joints.velocity)
     faults = command_violations(robot, sent, positions, driver.period)
     faults += physics_violations(robot, np.array(positions), np.array(velocities))
     faults += dict.fromkeys(str(refusal) for safe in sent for refusal in safe.refusals)

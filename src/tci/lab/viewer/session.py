@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from tci.body.generic_body import GenericBody
-from tci.body.perceiver import Perceiver
 from tci.body.places import Place
 from tci.capabilities.capability import Capability
 from tci.drivers.driver import Driver
@@ -32,6 +31,7 @@ from tci.lab.viewer.view import History, View
 from tci.messages import GenericCommand, Mode
 from tci.reasons import Reason, text_of
 from tci.recording.recorder import Recorder
+from tci.runtime.control import Control
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 from tci.simulation.finger import STIFFNESS
@@ -225,10 +225,8 @@ class Session:
 
     def _watch(self) -> None:
         """Reads a robot and updates the page, without commanding the robot, until the session ends."""
-        perceiver = Perceiver(GenericBody(self.robot), keep_alive=self.driver.info.keep_alive)
-        for now in self.driver.ticks():
-            reading = self.driver.read()
-            perception = perceiver.step(reading, now)
+        for moment in Control(self.driver, GenericBody(self.robot), write=False).periods():
+            now, reading, perception = moment.now, moment.reading, moment.perceived()
             with self._recording:
                 if self.recorder is not None:
                     self.recorder.tick(now, reading)

@@ -22,13 +22,13 @@ LAYERS = (
     "joint_touch",
     "gate",
     "body",
-    "testing",
     "gestures",
     "capabilities",
     "exports",
     "simulation",
     "recording",
     "drivers",
+    "testing",
     "runtime",
 )
 """Folders and files of the core in layers, from the bottom to the top. Files of one layer may import each

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,18 +11,14 @@ from tci.body.generic_body import GenericBody
 from tci.capabilities import ReceptiveField
 from tci.capabilities.withdrawal import WithdrawalMemory
 from tci.capabilities.wrapper import CapabilityWrapper
-from tci.drivers.driver import Driver
-from tci.drivers.info import DriverInfo
 from tci.gate.gate import GateSettings
-from tci.gate.safe_command import SafeCommand
 from tci.lab.faults.fault_injector import FaultInjector, FaultPlan
-from tci.messages import JointReading, Order, Perception, Reading, SkinFrame
-from tci.messages.clock import ManualClock
-from tci.messages.frames import Array, read_only
-from tci.robot.joint_map import initial_position
+from tci.messages import Order, Perception, SkinFrame
+from tci.messages.frames import Array
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 from tci.skin.skin import Skin
+from tci.testing import FakeDriver
 
 RATE = 50.0
 ROBOT = tci.load_robot("nao")
@@ -34,25 +29,14 @@ JUST_FELT = 40.0
 """Amplitude [counts] of a touch to which the reflex responds."""
 
 
-class NoisySkin(Driver):
+class NoisySkin(FakeDriver):
     """A NAO that reaches commanded angles immediately. Its skin has noise of one count. `touch` adds a
     pressed area."""
 
     def __init__(self, *, noise: float = 1.0, body: bool = True) -> None:
         """Starts the robot. With `body` the gate checks self-collision, which needs most of the computing
         time."""
-        binding = ROBOT.binding("sim").model_copy(update={"rate": RATE})
-        super().__init__(
-            DriverInfo.of(
-                ROBOT.model_copy(update={"bindings": (binding,)}),
-                "sim",
-                clock=ManualClock(),
-                armed=True,
-                lease_name=f"felt:{os.getpid()}:{id(self)}",
-                settings=None if body else GateSettings(self_collision=None),
-            )
-        )
-        self.angles, self.count = np.array(initial_position(ROBOT)), 0
+        super().__init__(ROBOT, rate=RATE, settings=None if body else GateSettings(self_collision=None))
         self.noise, self.random = noise, np.random.default_rng(3)
         self.touches: list[tuple[float, float, str, np.ndarray, float]] = []
 
@@ -63,7 +47,7 @@ class NoisySkin(Driver):
         skin = Skin(ROBOT)
         words = ROBOT.patch(patch)
         field = next(f for f in tci.WithdrawalReflex().fields if f.segment == words.segment)
-        u, theta, _ = skin.limb(patch, self._joints(0.0))
+        u, theta, _ = skin.limb(patch, self.joints())
         turn = np.abs((theta - field.theta + np.pi) % (2 * np.pi) - np.pi)
         nearest = np.argsort(np.hypot(u - field.u, turn / np.pi))[:count]
         self.touches.append((begin, end, patch, skin.surfaces[patch].channels[nearest], counts))
@@ -86,14 +70,8 @@ class NoisySkin(Driver):
                 left -= 1
             self.touches.append((begin, end, patch.name, surface.channels[chosen], JUST_FELT))
 
-    def _joints(self, now: float) -> JointReading:
-        return JointReading(now, self.count, read_only(self.angles), read_only(np.zeros(len(self.angles))))
-
-    def _receive(self) -> Reading:
-        self.count += 1
-        now = self.clock.now()
-        frames = [SkinFrame(p.name, now, self.count, self._frame(p.name, now)) for p in ROBOT.patches]
-        return Reading(self._joints(now), tuple(frames))
+    def frames(self, now: float, sequence: int) -> list[SkinFrame]:
+        return [SkinFrame(patch, now, sequence, self._frame(patch, now)) for patch in self.skin]
 
     def _frame(self, name: str, now: float) -> Array:
         patch = ROBOT.patch(name)
@@ -103,13 +81,6 @@ class NoisySkin(Driver):
             if touched == name and begin <= now < end:
                 values[channels] += counts * np.sign(sensor.pascal_per_count)
         return np.clip(np.rint(values), sensor.lowest, sensor.highest)
-
-    def _send(self, safe: SafeCommand) -> None:
-        self.angles = self.angles.copy()
-        self.angles[safe.servos] = safe.position
-
-    def _close(self) -> None:
-        return
 
 
 class Counted(CapabilityWrapper[WithdrawalMemory]):

@@ -18,15 +18,12 @@ import pytest
 import tci
 from tci.body import BodySettings
 from tci.body.generic_body import GenericBody
-from tci.drivers.driver import Driver
-from tci.drivers.info import DriverInfo
 from tci.drivers.lease import lease
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, DriverError, TciError
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import (
     GenericCommand,
-    JointReading,
     ManualClock,
     Mode,
     Order,
@@ -36,7 +33,6 @@ from tci.messages import (
     SwitchMode,
 )
 from tci.reasons import Code, Reason
-from tci.robot.joint_map import initial_position
 from tci.runtime.control import PERSISTS, REST, Control
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import FINEST, Histogram, LoopReport
@@ -51,6 +47,7 @@ from tci.runtime.watchdogs import (
 )
 from tci.simulation.world import World
 from tci.skin import ConditioningSettings
+from tci.testing import FakeDriver
 
 
 class Swing(tci.Capability[int]):
@@ -666,24 +663,8 @@ def test_41_every_period_counts_once_wherever_in_it_the_loop_wakes() -> None:
             almost = random.random() < 0.1
             super().sleep_until(stamp + driver.period * (0.999 if almost else 2.0 * random.random() ** 4))
 
-    class Standing(Driver):
-        """A simulated robot that does not move."""
-
-        count = 0
-
-        def _receive(self) -> Reading:
-            self.count += 1
-            here = np.array(initial_position(self.robot))
-            return Reading(JointReading(self.clock.now(), self.count, here, 0.0 * here), ())
-
-        def _send(self, safe: SafeCommand) -> None:
-            return
-
-        def _close(self) -> None:
-            return
-
     random, report = np.random.default_rng(1), LoopReport()
-    driver = Standing(DriverInfo.of(tci.load_robot("nao"), "sim", clock=Shaky(70_000.0), armed=True))
+    driver = FakeDriver("nao", clock=Shaky(70_000.0))
     run(driver, Swing(), duration=2000 * driver.period, report=report)
     assert report.missed > 100
     assert report.ticks + report.missed == 2000

@@ -9,7 +9,8 @@ import tci
 from tci.body.generic_body import GenericBody
 from tci.errors import CommandError, UnknownNameError
 from tci.messages import Landmark
-from tci.testing import PERIOD, TouchedRobot, perception
+from tci.testing import TouchedRobot, perception
+from tci.testing.touched_robot import PERIOD
 
 NAO = tci.load_robot("nao")
 

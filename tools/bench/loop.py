@@ -13,13 +13,11 @@ from measured import Measured, row
 from pipeline import TURN, Pipeline, Swinging
 
 import tci
-from tci.drivers.driver import Driver
-from tci.drivers.info import DriverInfo
 from tci.gate import SafeCommand
-from tci.messages import JointReading, Reading, SkinFrame
+from tci.messages import SkinFrame
 from tci.messages.clock import MonotonicClock
-from tci.robot.joint_map import initial_position
 from tci.runtime.loop_report import LoopReport
+from tci.testing import FakeDriver
 
 SECONDS = float(os.environ.get("TCI_BENCH_LOOP", "60"))
 RUNS = 5
@@ -36,34 +34,24 @@ print(json.dumps([late.quantile(q) for q in (0.5, 0.99, 0.999)]))
 """
 
 
-class Echo(Driver):
+class Echo(FakeDriver):
     """Simulated robot that follows its commands exactly and sends 50 new frames per second, each in a new
     array."""
 
     def __init__(self, parts: Pipeline) -> None:
-        robot = parts.robot
-        binding = robot.binding("sim").model_copy(update={"rate": 1000.0})
-        robot = robot.model_copy(update={"bindings": (binding,)})
-        super().__init__(DriverInfo.of(robot, "sim", clock=MonotonicClock(), armed=True))
-        self._frames = parts.frames
-        self._angles, self._count = np.array(initial_position(robot)), 0
-        self._still = np.zeros(len(self._angles))
-        self._skin: tuple[SkinFrame, ...] = ()
+        super().__init__(parts.robot, clock=MonotonicClock(), rate=1000.0)
+        self._raw = parts.frames
+        self._shown: tuple[SkinFrame, ...] = ()
 
-    def _receive(self) -> Reading:
-        self._count += 1
-        now = self.clock.now()
-        if self._count % 20 == 1:
-            frame = self._count // 20
-            raw = self._frames[frame % 2].items()
-            self._skin = tuple(SkinFrame(name, now, frame, values.copy()) for name, values in raw)
-        return Reading(JointReading(now, self._count, self._angles.copy(), self._still), self._skin)
+    def frames(self, now: float, sequence: int) -> tuple[SkinFrame, ...]:
+        if sequence % 20 == 1:
+            frame = sequence // 20
+            raw = self._raw[frame % 2].items()
+            self._shown = tuple(SkinFrame(name, now, frame, values.copy()) for name, values in raw)
+        return self._shown
 
     def _send(self, safe: SafeCommand) -> None:
-        self._angles[safe.servos] = safe.position
-
-    def _close(self) -> None:
-        return
+        self.position[safe.servos] = safe.position
 
 
 def _apart(pid: int) -> None:

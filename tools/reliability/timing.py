@@ -21,19 +21,17 @@ from row import Row
 
 import tci
 from tci.capabilities.fields import default_fields
-from tci.drivers.driver import Driver
-from tci.drivers.info import DriverInfo
 from tci.errors import TciError
 from tci.gate import SafeCommand
-from tci.messages import JointReading, Reading, SkinFrame
+from tci.messages import Reading, SkinFrame
 from tci.messages.clock import MonotonicClock
 from tci.messages.frames import frozen
 from tci.robot.generic_arm import SEGMENTS
-from tci.robot.joint_map import initial_position
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import Histogram, LoopReport
 from tci.runtime.priority import real_time
 from tci.skin.skin import Skin
+from tci.testing import FakeDriver
 
 BARE = Path(__file__).parent / "bare_loop.py"
 PERIOD = 1e-3
@@ -54,23 +52,15 @@ TIMES = ("own", "late", "bare_own", "bare_late")
 """Names of the histograms."""
 
 
-class Touched(Driver):
+class Touched(FakeDriver):
     """A robot that follows its commands exactly and is touched repeatedly at changing places."""
 
     def __init__(self) -> None:
-        robot = tci.load_robot("nao")
-        binding = robot.binding("sim").model_copy(update={"rate": 1.0 / PERIOD})
-        super().__init__(
-            DriverInfo.of(
-                robot.model_copy(update={"bindings": (binding,)}),
-                "sim",
-                clock=MonotonicClock(tail=0.9 * PERIOD),  # this loop has a processor of its own
-                armed=True,
-            )
-        )
-        self.angles, self.count, self.busy = np.array(initial_position(robot)), 0, 0.0
+        clock = MonotonicClock(tail=0.9 * PERIOD)  # this loop has a processor of its own
+        super().__init__("nao", clock=clock, rate=1.0 / PERIOD)
+        robot, self.busy = self.robot, 0.0
         self._start, self._number = self.clock.now(), -1
-        self._frames: tuple[SkinFrame, ...] = ()
+        self._shown: tuple[SkinFrame, ...] = ()
         # Raw bytes, in the type that drivers of robots with 8-bit sensors return. Each frame is a new array.
         self._rest = {p.name: np.full(p.channels, p.sensor.rest, np.uint8) for p in robot.patches}
         patches = [patch for patch in robot.patches if patch.segment in SEGMENTS]
@@ -80,7 +70,7 @@ class Touched(Driver):
         """Returns a frame of a patch in which the taxels nearest to one of the receptive fields are
         pressed."""
         skin = Skin(self.robot)
-        joints = self._joints(0.0)
+        joints = self.joints()
         u, theta, _ = skin.limb(patch.name, joints)
         fields = [field for field in default_fields() if field.segment == patch.segment]
         field = fields[number % len(fields)]
@@ -91,13 +81,11 @@ class Touched(Driver):
         values[pressed] = values[pressed].astype(int) + 60 * np.sign(patch.sensor.pascal_per_count)
         return patch.name, values
 
-    def _joints(self, now: float) -> JointReading:
-        self.count += 1
-        return JointReading(now, self.count, self.angles.copy(), np.zeros(len(self.angles)))
-
     def _receive(self) -> Reading:
         self.busy = time.thread_time()
-        now = self.clock.now()
+        return super()._receive()
+
+    def frames(self, now: float, sequence: int) -> tuple[SkinFrame, ...]:
         since = now - self._start
         number = int(since * RATE)
         touched, values = self._touches[int(since / TOUCH[1]) % len(self._touches)]
@@ -105,14 +93,11 @@ class Touched(Driver):
         if number != self._number:
             self._number, stamp = number, self._start + number / RATE
             felt = {**self._rest, touched: values} if pressed else self._rest
-            self._frames = tuple(SkinFrame(n, stamp, number, frozen(v.copy())) for n, v in felt.items())
-        return Reading(self._joints(now), self._frames)
+            self._shown = tuple(SkinFrame(n, stamp, number, frozen(v.copy())) for n, v in felt.items())
+        return self._shown
 
     def _send(self, safe: SafeCommand) -> None:
-        self.angles[safe.servos] = safe.position
-
-    def _close(self) -> None:
-        return
+        self.position[safe.servos] = safe.position  # unlike a fake one, keeps nothing: memory is measured
 
 
 def one_kilohertz(full: bool) -> Row:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from tci.support.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from tci.testing.fake_driver import FakeDriver as FakeDriver
     from tci.testing.touched_robot import TouchedRobot as TouchedRobot
     from tci.testing.touched_robot import perception as perception
 else:

@@ -3,7 +3,6 @@ number of the fault."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 
 import numpy as np
@@ -15,17 +14,13 @@ from tci.body.perceiver import Perceiver
 from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
 from tci.capabilities.fields import BodyField, default_body_fields
 from tci.capabilities.wrapper import CapabilityWrapper
-from tci.drivers.driver import Driver
-from tci.drivers.info import DriverInfo
 from tci.gate.gate import GateSettings, GateState
-from tci.gate.safe_command import SafeCommand
 from tci.lab.faults.fault_injector import FaultInjector, FaultPlan
 from tci.messages import JointReading, Order, Perception, Reading, SkinFrame
-from tci.messages.clock import ManualClock
-from tci.messages.frames import Array, read_only
+from tci.messages.frames import Array
 from tci.robot.description import Robot
-from tci.robot.joint_map import initial_position
 from tci.runtime.loop import Tick, run
+from tci.testing import FakeDriver
 
 LEARNT = 5.0
 """Time [s] after which noise and rest values are estimated."""
@@ -53,21 +48,13 @@ def wearing(kind: str) -> Robot:
     )
 
 
-class NoisyBody(Driver):
+class NoisyBody(FakeDriver):
     """An iCub that reaches commanded angles immediately. Its skin has noise of one count. `touches` are the
     times [s] of presses on the middle of the field, each of which lasts half a second."""
 
     def __init__(self, kind: str, touches: tuple[float, ...] = ()) -> None:
-        super().__init__(
-            DriverInfo.of(
-                wearing(kind), "sim", clock=ManualClock(), armed=True,
-                lease_name=f"felt:{os.getpid()}:{id(self)}",
-                # The check for self-collision would need most of the computing time, and has no effect in
-                # these tests.
-                settings=GateSettings(self_collision=None),
-            )
-        )  # fmt: skip
-        self.angles, self.count = np.array(initial_position(self.robot)), 0
+        # The check for self-collision takes most of the computing time, and has no effect here.
+        super().__init__(wearing(kind), settings=GateSettings(self_collision=None))
         self.random, self.touches = np.random.default_rng(3), touches
         part, patch, place = PLACES[kind]
         body = GenericBody(self.robot)
@@ -75,23 +62,13 @@ class NoisyBody(Driver):
         near = np.linalg.norm(surface.positions - body.landmark(part, place.landmark).p_L, axis=1) < 0.015
         self.pressed = surface.channels[near]
 
-    def _receive(self) -> Reading:
-        self.count += 1
-        now = self.clock.now()
+    def frames(self, now: float, sequence: int) -> list[SkinFrame]:
         (patch,) = self.robot.patches
         values = patch.sensor.rest + self.random.standard_normal(patch.channels)
         if any(begin <= now < begin + 0.5 for begin in self.touches):
             values[self.pressed] += JUST_FELT * np.sign(patch.sensor.pascal_per_count)
         values = np.clip(np.rint(values), patch.sensor.lowest, patch.sensor.highest)
-        joints = JointReading(now, self.count, read_only(self.angles), read_only(np.zeros(len(self.angles))))
-        return Reading(joints, (SkinFrame(patch.name, now, self.count, values),))
-
-    def _send(self, safe: SafeCommand) -> None:
-        self.angles = self.angles.copy()
-        self.angles[safe.servos] = safe.position
-
-    def _close(self) -> None:
-        return
+        return [SkinFrame(patch.name, now, sequence, values)]
 
 
 class Counted(CapabilityWrapper[BodyMemory]):

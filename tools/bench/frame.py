@@ -17,12 +17,13 @@ from measured import Measured, cold, each, in_turn, row
 import tci
 from helpers import contact_oracle
 from helpers.felt_skin import FeltSkin, PatchFelt
-from tci.capabilities.answer import Touches, field_table, find_answers, site_numbers, touches
+from tci.capabilities.answer import FIELD, RANKS, field_table, find_answers
 from tci.capabilities.discounts import phi, psi
 from tci.capabilities.fields import default_fields
 from tci.lab.authoring.dense_skin import with_dense_skin
-from tci.messages import Contacts, JointReading
+from tci.messages import JointReading
 from tci.messages.frames import frozen
+from tci.robot.generic_arm import SEGMENTS
 from tci.robot.joint_map import initial_position
 from tci.robot.limb import generic_limb_distance
 from tci.skin.contacts import ContactFinder, ContactSettings
@@ -47,7 +48,7 @@ taxels."""
 @inlined
 def respond(
     repeats, values, last, which, stamps, layout, estimates, memory, active, clusters, poses, posture,
-    summary, made, segments, merged, fields, beside, squares, closest, one, gains,
+    summary, made, segments, fields, surround, closest, one, gains,
 ):  # fmt: skip
     count = 0
     for again in range(repeats):
@@ -57,15 +58,12 @@ def respond(
         if count == 0:
             continue
         _describe(layout, estimates.hidden, clusters, poses, posture, summary, made)
-        rows, taxels = made.rows[:count], made.taxels
-        felt = Touches(
-            rows.site, made.begin, rows.force, rows.peak, rows.limb_point, taxels.taxel_force,
-            taxels.taxel_point,
+        _answer(
+            fields, surround, False, segments, made.rows[:count], made.begin, made.taxels, closest, one
         )  # fmt: skip
-        _answer(fields, False, segments, merged, felt, beside, squares, closest, one)
         for c in range(count):
-            if closest[c] >= 0:
-                gains[closest[c]] = max(gains[closest[c]], one[c])
+            if closest[0, c] >= 0:
+                gains[closest[0, c]] = max(gains[closest[0, c]], one[0, c])
     return count
 
 
@@ -105,7 +103,7 @@ class Frame:
         self.poses = self.skin.kinematics.poses(position, self.layout.links)
         self.posture = np.array(robot.part(self.patch.part).initial_posture)
         conditioner.estimates.threshold[:] = THRESHOLD
-        self.table, self.gains = field_table(self.fields), np.zeros(fields)
+        self.tables, self.gains = (field_table(self.fields), field_table(())), np.zeros(fields)
         poses = np.array([self.poses[link] for link in self.layout.links])
         finder = ContactFinder(self.layout)
         self._condition = (
@@ -113,11 +111,11 @@ class Frame:
             conditioner.estimates, conditioner._memory, conditioner._out,
         )  # fmt: skip
         self._clusters, self._posture = finder._clusters, (poses, self.posture[None, :4].copy())
-        self._room = np.full(n, -1), np.zeros(fields), np.zeros(n, np.int64), np.zeros(n)
-        self._sites = site_numbers(self.layout.sites)[1:3]
+        self._segments = np.full(n, SEGMENTS.index("forearm"))
+        self._room = np.zeros((RANKS, n), np.int64), np.zeros((RANKS, n))
         self._arguments = (
             *self._condition[:3], *self._condition[4:], self._clusters, *self._posture,
-            np.zeros((n, SUMMARY)), ContactArrays.empty(n, n), *self._sites, self.table, *self._room,
+            np.zeros((n, SUMMARY)), ContactArrays.empty(n, n), self._segments, *self.tables, *self._room,
             self.gains,
         )  # fmt: skip
         self.show(self.touched)
@@ -146,10 +144,8 @@ class Frame:
         made = ContactArrays.empty(count, taxels)
         hidden = self._condition[5].hidden
         describe(arrays, hidden, self._clusters, *self._posture, np.empty((count, SUMMARY)), made)
-        none = np.zeros(0), np.zeros(0, np.int64)
-        felt = touches(Contacts((), *none, *made))
-        closest, gains = np.empty(count, np.int64), np.empty(count)
-        find_answers(self.table, False, *self._sites, felt, *self._room[:2], closest, gains)
+        closest, gains = np.empty((RANKS, count), np.int64), np.empty((RANKS, count))
+        find_answers(*self.tables, False, self._segments, *map(frozen, made), closest, gains)
 
     def numpy(self) -> np.ndarray:
         """Processes the frame with the tests' reference implementation: contacts are objects, and NumPy
@@ -216,7 +212,8 @@ class InC:
             ("taxels", arrays.taxel), ("faces", arrays.faces), ("box", arrays.box), ("cells", arrays.cells),
             ("T_TL", own), ("T_TG", f.poses[limb]), ("limb", arrays.limb),
             ("posture", f.posture), ("numbers", np.zeros((n, 7))), ("vectors", np.zeros((n, 5, 3))),
-            ("indices", np.zeros(n, np.int64)), ("places", np.zeros((4, n))), ("fields", f.table),
+            ("indices", np.zeros(n, np.int64)), ("places", np.zeros((4, n))),
+            ("fields", np.array([f.tables[0][name] for name in FIELD.names or ()], np.float64)),
             ("gains", np.zeros(len(f.fields))),
         ]  # fmt: skip
         kinds: dict[type, Any] = {int: ctypes.c_int64, float: ctypes.c_double}

@@ -91,7 +91,7 @@ class Retreat:
         moved = self._part(part)
         goal = moved.driven_goal(target, position) if driven else None
         if goal is None:
-            (goal,) = moved.goals(target[None], position)
+            goal = moved.goal(target, position)
         way = np.empty((TIMES + 1, len(position)))
         way[:] = position
         together = mode in (Mode.POSITION, Mode.IMPEDANCE)
@@ -104,7 +104,7 @@ class Retreat:
         moved = self._part(part)
         way = np.empty((len(targets) + 1, len(position)))
         way[:] = position
-        way[1:, moved.joints.servos] = moved.goals(targets, position)
+        way[1:, moved.joints.servos] = [moved.goal(target, position) for target in targets]
         return self._displacements(way, moved, contacts, 0.0)
 
     def _displacements(self, way: Array, moved: _Part, contacts: Contacts, radius: float) -> Array:
@@ -151,19 +151,17 @@ class _Part:
     free: NDArray[np.bool_]
     """Mask (k,) of the servos that a coupling may turn aside: here all."""
 
-    def goals(self, targets: Array, position: Array) -> Array:
-        """Servo angles (m, k) [rad] for generic `targets` (m, n) [rad], within limits and couplings."""
-        bounds = self.bounds
-        wanted = [self.joints.to_robot(target, position) for target in targets]
-        goals: Array = np.minimum(np.maximum(wanted, bounds.lower), bounds.upper)
+    def goal(self, target: Array, position: Array) -> Array:
+        """Servo angles (k,) [rad] for generic angles `target` (n,) [rad], within limits and couplings."""
+        bounds, wanted = self.bounds, self.joints.to_robot(target, position)
+        goal: Array = np.minimum(np.maximum(wanted, bounds.lower), bounds.upper)
         if len(self.outside):
             lower, upper = np.empty_like(bounds.coupling_lower), np.empty_like(bounds.coupling_upper)
             shift(self.outside, position, bounds.coupling_lower, bounds.coupling_upper, lower, upper)
-            sums = goals @ bounds.coupling.T
-            for row in np.flatnonzero(~((sums >= lower) & (sums <= upper)).all(axis=1)).tolist():
-                own = replace(bounds, coupling_lower=lower, coupling_upper=upper)
-                goals[row] = own.nearest(goals[row], self.free)
-        return goals
+            sums = bounds.coupling @ goal
+            if not ((sums >= lower) & (sums <= upper)).all():
+                goal = replace(bounds, coupling_lower=lower, coupling_upper=upper).nearest(goal, self.free)
+        return goal
 
     def driven_goal(self, target: Array, position: Array) -> Array | None:
         """Servo angles (k,) [rad] after AHEAD, if a velocity drives the part towards `target` (n,) [rad];

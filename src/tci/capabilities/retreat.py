@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tci.body.generic_body import GenericBody
-from tci.messages import Contact, Mode, Perception
+from tci.messages import Mode, Perception
 from tci.messages.frames import Array
 
 PRESSED = 1e-5
@@ -49,29 +49,29 @@ def why_not(
     velocity that the capability commands anew in each period. `target` is then the posture that this velocity
     reaches after 0.1 s (`tci.body.retreat.AHEAD`).
     """
-    inwards, across, entered = body.retreat(perception, part, target, mode, driven=driven)
-    if not inwards.size:
+    paths = body.retreat(perception, part, target, mode, driven=driven)
+    if not paths.size:
         return ""
-    if inwards.min() < -PRESSED:
-        deepest = inwards.min(axis=0)
-        worst = int(deepest.argmin())
-        patch = perception.contacts[worst].patch
+    inwards, across, entered = paths.tolist()
+    if min(map(min, inwards)) < -PRESSED:
+        deepest = -paths[0].min(axis=0)
         return (
-            f"its motion would press {patch} {-deepest[worst] * 1e3:.2g} mm into the object that touches it; "
-            "valid: a motion away from it"
+            f"its motion would press {perception.contacts[int(deepest.argmax())].patch} "
+            f"{deepest.max() * 1e3:.2g} mm into the object that touches it; valid: a motion away from it"
         )
-    if entered.max() > ENTERED:
-        deepest = entered.max(axis=0)
-        worst = int(deepest.argmax())
+    if max(map(max, entered)) > ENTERED:
+        deepest = paths[2].max(axis=0)
         return (
-            f"its motion would press other skin {deepest[worst] * 1e3:.2g} mm into the object that touches "
-            f"{perception.contacts[worst].patch}; valid: a motion away from it"
+            f"its motion would press other skin {deepest.max() * 1e3:.2g} mm into the object that touches "
+            f"{perception.contacts[int(deepest.argmax())].patch}; valid: a motion away from it"
         )
-    reasons = [
-        _why_kept(perception.contacts[one], inwards[:, one].tolist(), across[:, one].tolist(), least)
-        for one in answers
-    ]
-    return reasons[0] if reasons and all(reasons) else ""
+    first = ""
+    for one in answers:
+        why = _why_kept([row[one] for row in inwards], [row[one] for row in across], least)
+        if not why:
+            return ""
+        first = first or why.format(patch=perception.contacts[one].patch)
+    return first
 
 
 def are_hopeless(
@@ -96,22 +96,20 @@ def are_hopeless(
     ]
 
 
-def _why_kept(contact: Contact, way: Sequence[float], across: Sequence[float], least: float) -> str:
-    """Returns the reason why a contact point does not move away from the object far enough or directly
-    enough. The text is empty if the motion is permitted.
+def _why_kept(inwards: Sequence[float], across: Sequence[float], least: float) -> str:
+    """Why a contact point does not move far enough away from the object, or not directly enough; empty if it
+    does.
 
-    Args: contact: The contact. way: Displacement (k,) [m] away from the object at k points of the motion.
-        across: Displacement (k,) [m] tangential to the skin. least: Least displacement [m] away from the
-        object at the end of the motion.
+    Args:
+        inwards: Displacements (k,) [m] away from the object, at k points of the motion.
+        across: Displacements (k,) [m] tangential to the skin.
+        least: Least displacement [m] away from the object at the end.
     """
-    if way[-1] < least:
+    if inwards[-1] < least:
         return (
-            f"its motion would take {contact.patch} {way[-1] * 1e3:.2g} mm away from the object that touches "
+            f"its motion would take {{patch}} {inwards[-1] * 1e3:.2g} mm away from the object that touches "
             f"it; valid: {least * 1e3:g} mm or more"
         )
-    if any(inwards < STEEP * aside for inwards, aside in zip(way, across, strict=True)):
-        return (
-            f"its motion would drag {contact.patch} along the object that touches it; "
-            "valid: a motion away from it"
-        )
+    if any(away < STEEP * aside for away, aside in zip(inwards, across, strict=True)):
+        return "its motion would drag {patch} along the object that touches it; valid: a motion away from it"
     return ""

@@ -1,19 +1,23 @@
-"""The protective withdrawal reflex (§4): a touched arm moves away from the touch (eqs 5-7).
+"""The protective withdrawal reflex (§4): a touched arm moves away from the touch.
 
-The arm moves once per touch and never towards the object: see `withdrawal_rule`.
+1. Each contact asks for the base motion of the receptive field that contains it, with a gain that grows with
+   the force and falls with the distance from the field's centre (eqs 5-7): `answer`.
+2. The arm moves to its posture plus gain times base motion (eq. 5), once per touch: a touch lasts until the
+   arm has been quiet for the refractory time (`withdrawal_rule`).
+3. No motion presses skin into a touching object (`retreat`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tci.body.generic_body import GenericBody
-from tci.capabilities.answer import SiteNumbers, field_table, find_answers, site_numbers, touches
+from tci.capabilities.answer import RANKS, field_table, find_answers, segments_of
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields, default_surround
 from tci.capabilities.withdrawal_memory import Wish, Withdrawals
@@ -29,7 +33,7 @@ from tci.messages import (
     Perception,
     SwitchMode,
 )
-from tci.messages.frames import Array, read_only
+from tci.messages.frames import read_only
 from tci.reasons import Reason
 from tci.robot.generic_arm import JOINTS
 from tci.support.compiled import entry
@@ -52,12 +56,8 @@ class Answer:
     """Gain phi(F) psi(d) of the response (eq. 5), above 0 and at most 1."""
 
 
-_WishInputs = tuple[Contacts, frozenset[str], frozenset[str]]
-"""All values from which requested responses (wishes) are computed: the contacts, the names of the parts on
-which all contacts in one field count as one, and the names of the touched arms for which the wide fields
-`surround` may respond."""
 WithdrawalMemory = Withdrawals[ReceptiveField]
-"""Current withdrawals by generic part, and the reasons for which other touched arms do not move."""
+"""Withdrawals by generic part, and why other touched arms do not move."""
 
 
 @dataclass(frozen=True)
@@ -90,18 +90,17 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     softness: float = 0.4
     """Stiffness of the arms in impedance mode, relative to full stiffness. Assumed: soft enough to yield to a
     hand, stiff enough to reach the target against gravity."""
-    _latest: tuple[_WishInputs | None, dict[str, list[Wish[ReceptiveField]]]] = field(
-        default=(None, {}), init=False, repr=False, compare=False
-    )
-    """Requested responses (wishes) that were computed last, after the values from which they were computed
-    (None at first)."""
+    _tables: tuple[NDArray[np.void], NDArray[np.void]] = field(init=False, repr=False, compare=False)
+    """`fields` and `surround` for the compiled loop."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fields", tuple(self.fields))
         surround = self.surround
         if surround is None:
             surround = default_surround() if self.fields == default_fields() else ()
-        object.__setattr__(self, "surround", tuple(surround) if self.fields else ())
+        surround = tuple(surround) if self.fields else ()
+        object.__setattr__(self, "surround", surround)
+        object.__setattr__(self, "_tables", (field_table(self.fields), field_table(surround)))
         object.__setattr__(self, "mode", Mode.of(self.mode))
         if not 0.0 < self.refractory < np.inf:
             raise TciError(f"withdrawal: refractory {self.refractory} s; valid: above 0 and finite")
@@ -138,25 +137,12 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     def step(
         self, memory: WithdrawalMemory, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Command, ...], WithdrawalMemory]:
-        """Returns the commands and the current withdrawals.
+        """In position and impedance mode a command for each arm with a new target, in velocity mode one for
+        each arm that withdraws.
 
-        In position and impedance mode there is one command for each arm with a new target. In velocity mode
-        there is one command for each arm that withdraws. Raises CommandError if a touched part does not have
-        the five joints of a base motion.
+        Raises CommandError if a touched part does not have the five joints of a base motion.
         """
-        contacts = perception.contacts
-        wishes: dict[str, list[Wish[ReceptiveField]]] = {}
-        if len(contacts):
-            # A moving part responds to the strongest touch of each field. Weaker touches have no effect.
-            moving = frozenset([part for part, one in memory.motions.items() if not one.quiet])
-            numbers = site_numbers(contacts.sites, moving)
-            inputs = contacts, moving, self._asking(memory, contacts, numbers)
-            # Skin frames arrive less often than steps are taken, so the contacts are often those of the
-            # previous step.
-            if inputs != (latest := self._latest)[0]:
-                latest = inputs, self._wishes(contacts, numbers, inputs[2])
-                object.__setattr__(self, "_latest", latest)
-            wishes = latest[1]
+        wishes = self._wishes(memory, perception.contacts) if len(perception.contacts) else {}
         after = withdraw_all(memory, wishes, perception, body, refractory=self.refractory, mode=self.mode)
         if self.mode is not Mode.VELOCITY:
             return new_targets(memory, after, self.mode), after
@@ -191,68 +177,32 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         return self.answers((contact,))[0]
 
     def answers(self, contacts: Sequence[Contact]) -> list[Answer | None]:
-        """Returns the response to each contact. The response is computed as if there were no other
-        contact."""
-        table = Contacts.of(contacts)
-        numbers = site_numbers(table.sites)
-        wishes = self._wishes(table, numbers, around=numbers.limbs)
+        """The response to each contact as if it were the only one."""
         found: list[Answer | None] = [None] * len(contacts)
-        for wish in (one for part in wishes.values() for one in reversed(part)):
-            found[wish.contact] = Answer(wish.field, wish.gain)
+        for own in self._wishes(Withdrawals({}, {}), Contacts.of(contacts)).values():
+            for wish in reversed(own):
+                found[wish.contact] = Answer(wish.field, wish.gain)
         return found
 
-    def _asking(self, memory: WithdrawalMemory, contacts: Contacts, numbers: SiteNumbers) -> frozenset[str]:
-        """Returns the names of the touched arms for which the wide fields `surround` may respond: the arms at
-        rest, and the arms that a wide field already moves.
+    def _wishes(self, memory: WithdrawalMemory, contacts: Contacts) -> dict[str, list[Wish[ReceptiveField]]]:
+        """The responses that the contacts ask for, by part, those with a lower rank first (eqs 5-7).
 
-        `numbers` contains the part and the segment of each patch.
+        Wide fields respond only on arms at rest, and on arms that a wide field moves.
         """
-        own = memory.motions
-        asking = [p for p in numbers.limbs if p not in own or own[p].field.name in self._around]
-        if not asking:
-            return frozenset()
-        return frozenset([numbers.part[site] for site in {*contacts.site.tolist()}]).intersection(asking)
-
-    @cached_property
-    def _around(self) -> frozenset[str]:
-        return frozenset(field.name for field in self.surround or ())
-
-    def _wishes(
-        self, contacts: Contacts, numbers: SiteNumbers, around: Collection[str]
-    ) -> dict[str, list[Wish[ReceptiveField]]]:
-        """Returns the requested responses (wishes) by part.
-
-        Each contact requests the response of the field that contains it; if several do, of the one with the
-        closest centre. On the parts `around`, a contact also requests the responses of the two closest wide
-        fields (`surround`) that contain it, which are tried later. `numbers` contains the part and the
-        segment of each patch.
-        """
-        wishes: dict[str, list[Wish[ReceptiveField]]] = {}
-        felt, parts, count = touches(contacts), numbers.part, len(contacts)
+        surround = self.surround or ()
+        nearest, gains = np.empty((RANKS, len(contacts)), np.int64), np.empty((RANKS, len(contacts)))
         cosine = self.distance_discount == "cosine"
-        for ranks, fields, table in self._tables if around else self._tables[:1]:
-            closest = np.empty(count, np.int64)
-            closest.fill(-1)
-            for rank in ranks:
-                beside, closest, gains = closest, np.empty(count, np.int64), np.empty(count)
-                _find_answers(
-                    table, cosine, numbers.segment, numbers.merged, felt, beside, np.empty(len(fields)),
-                    closest, gains,
-                )  # fmt: skip
-                for row in gains.nonzero()[0].tolist():
-                    part = parts[contacts.site[row]]
-                    if not rank or part in around:
-                        wish = Wish(fields[closest[row]], float(gains[row]), row, rank)
-                        wishes.setdefault(part, []).append(wish)
+        table = segments_of(contacts), contacts.rows, contacts.begin, contacts.taxel_rows
+        _find_answers(*self._tables, cosine, *table, nearest, gains)
+        wide = [one.name for one in surround]
+        narrow = [part for part, one in memory.motions.items() if one.field.name not in wide]
+        parts = [contacts.sites[site].part for site in contacts.site.tolist()]
+        wishes: dict[str, list[Wish[ReceptiveField]]] = {}
+        for rank, (own, found) in enumerate(zip(nearest.tolist(), gains.tolist(), strict=True)):
+            fields = surround if rank else self.fields
+            for contact, gain in enumerate(found):
+                part = parts[contact]
+                if gain > 0.0 and not (rank and part in narrow):
+                    wish = Wish(fields[own[contact]], gain, contact, rank)
+                    wishes.setdefault(part, []).append(wish)
         return wishes
-
-    @cached_property
-    def _tables(self) -> list[tuple[tuple[int, ...], Sequence[ReceptiveField], Array]]:
-        """Returns the groups of receptive fields for a compiled loop: `fields`, then the wide fields
-        `surround`. An empty group is left out.
-
-        A group consists of ranks, fields, and the fields as a table of numbers. The lower the rank of a
-        response, the earlier it is tried: 0 for `fields`, 1 and 2 for the two closest wide fields.
-        """
-        sets = ((0,), self.fields), ((1, 2), self.surround or ())
-        return [(ranks, fields, field_table(fields)) for ranks, fields in sets if fields]

@@ -1,9 +1,8 @@
 """The rules of a withdrawal of any part: once per touch, and never towards the touching object.
 
-A touch in a receptive field starts a *withdrawal* of the touched part. The withdrawal lasts until no field of
-the part has been touched for the refractory period. During this time all touches of the part count as one
-touch. The gain may increase, at most to 1. No other field responds, and no base motion is added a second
-time.
+A touch in a receptive field starts a *withdrawal* of the touched part. It lasts until no field of the part
+has been touched for the refractory period; until then, all touches of the part count as one. The gain may
+increase, at most to 1. No other field responds, and no base motion is added a second time.
 """
 
 from __future__ import annotations
@@ -11,20 +10,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
+from typing import Generic, NamedTuple
 
 import numpy as np
 
 from tci.body.generic_body import GenericBody
 from tci.capabilities.retreat import are_hopeless, why_not
-from tci.capabilities.withdrawal_memory import F, Field, Refusal, Wish, Withdrawal, Withdrawals, refusal, told
+from tci.capabilities.withdrawal_memory import F, Field, Refusal, Wish, Withdrawal, Withdrawals, target_of
 from tci.errors import CommandError
 from tci.messages import GenericCommand, Mode, Perception
-from tci.messages.frames import Array, frozen
+from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 
 LEAST_COVERAGE = 0.5
-"""A field is blind if the fraction of its healthy taxels is below this value. Assumed: most touches of the
-field are then missed."""
+"""A field is blind if the fraction of its healthy taxels is below this value: most touches of the field are
+then missed."""
 
 
 def withdraw_all(
@@ -37,46 +37,44 @@ def withdraw_all(
     mode: Mode = Mode.POSITION,
     forbids: Callable[[str, Array], str] | None = None,
 ) -> Withdrawals[F]:
-    """Returns the withdrawals of all parts after this instant.
+    """The withdrawals of all parts after this instant.
 
     Args:
         memory: Withdrawals before this instant.
-        wishes: Responses that the contacts request, by part.
+        wishes: Responses that the contacts ask for, by part.
         perception: Perception of this instant.
         body: The generic body.
-        refractory: The touch of a part ends when there has been no wish for the part for this time [s].
+        refractory: A touch ends when there has been no wish for its part for this time [s].
         mode: Control mode of the motions.
-        forbids: Further check. Receives a part and its target (n,) [rad]. Returns the reason why the part
-            must not move to this target, or an empty text if the part may move.
+        forbids: Further check. Receives a part and its target (n,) [rad], and returns the reason why the part
+            must not move there; empty if it may.
 
     Raises CommandError if a touched part has another number of joints than the base motion of its field.
     """
     if not memory.motions and not wishes:
         return memory
-    motions: dict[str, Withdrawal[F]] = {}
-    refused = memory.refused
+    now, motions, refused = perception.stamp, dict[str, Withdrawal[F]](), dict(memory.refused)
     met = frozenset(perception.contacts.identity.tolist())
-    for part, posture in perception.posture.items():
+    for part in perception.posture:
         before, own = memory.motions.get(part), wishes.get(part, ())
-        if before is None and not own:
+        # Responses in successive steps count as one touch, even if the time between the steps is long.
+        if before is not None and (before.quiet or not own) and now - before.touched >= refractory:
+            before = None
+        if not own and (before is None or (before.quiet and met <= before.met)):
+            if before is not None:
+                motions[part] = before
             continue
-        if own and posture.size != len(own[0].field.motion):
-            valid = len(own[0].field.motion)
-            raise CommandError(
-                f"{part} has {posture.size} generic joints; valid: {valid}, as the base motions of its fields"
-            )
-        after, reason = withdraw(
-            before, own, perception, body, part, met,
-            refractory=refractory, refused=refused.get(part), mode=mode,
-        )  # fmt: skip
+        touched = _Touched(part, own, perception, body, mode, met)
+        after, refusal = touched.withdraw(before, refused.get(part))
         if own and after is not None and forbids is not None and (why := forbids(part, after.target)):
-            reason = refusal(why, before, own, perception)
-            # The part has already responded to this touch. So the withdrawal continues, but its gain must not
-            # increase.
+            refusal = touched.refusal(why, before)
+            # The part has responded to this touch already: it goes on, but no farther.
             same = before is not None and before.started == after.started
-            after = replace(after, gain=before.gain) if same and before is not None else None
-        if reason is not None or part in refused:
-            refused = told(refused, part, after, reason)
+            after = replace(after, gain=before.gain, target=before.target) if same and before else None
+        if refusal is not None:
+            refused[part] = refusal
+        elif after is not None and not after.quiet and not after.ended:
+            refused.pop(part, None)  # it moves again
         if after is not None:
             motions[part] = after
     return Withdrawals(motions, refused)
@@ -85,7 +83,7 @@ def withdraw_all(
 def new_targets(
     before: Withdrawals[F], after: Withdrawals[F], mode: Mode = Mode.POSITION
 ) -> tuple[GenericCommand, ...]:
-    """Returns a command for each part with a new target."""
+    """A command for each part with a new target."""
     return tuple(
         GenericCommand(part, mode, one.target)
         for part, one in after.motions.items()
@@ -94,11 +92,8 @@ def new_targets(
 
 
 def blind_field(part: str, fields: Iterable[Field], shares: Array) -> Reason | None:
-    """Returns a reason to stop that names the first blind field: the first with a healthy fraction below
-    LEAST_COVERAGE. Returns None if no field is blind.
-
-    `shares` (m,) are the fractions of healthy taxels of the `fields`.
-    """
+    """A reason to stop that names the first of the m `fields` whose fraction of healthy taxels, in `shares`
+    (m,), is below LEAST_COVERAGE; None if there is none."""
     for one, share in zip(fields, shares.tolist(), strict=True):
         if share < LEAST_COVERAGE:
             return Reason(
@@ -109,114 +104,105 @@ def blind_field(part: str, fields: Iterable[Field], shares: Array) -> Reason | N
     return None
 
 
-def withdraw(
-    before: Withdrawal[F] | None,
-    wishes: Sequence[Wish[F]],
-    perception: Perception,
-    body: GenericBody,
-    part: str,
-    met: frozenset[int],
-    *,
-    refractory: float,
-    refused: Refusal | None = None,
-    mode: Mode = Mode.POSITION,
-) -> tuple[Withdrawal[F] | None, Refusal | None]:
-    """Returns the withdrawal of one part after this instant, and the refusal if a requested motion is
-    refused.
+class _Touched(NamedTuple, Generic[F]):
+    """One part at one instant: all that decides whether it may move."""
 
-    `met` are the identities of all present contacts. `refused` is the last refusal of the part, which stays
-    valid while `Refusal.stands` returns True. `before` is the withdrawal before this instant, and `wishes`
-    are the responses that the contacts request. The withdrawal ends when there has been no wish for
-    `refractory` [s].
-    """
-    now = perception.stamp
-    # Responses in successive steps count as one touch, even if the time between the steps is long.
-    if before is not None and (before.quiet or not wishes) and now - before.touched >= refractory:
-        before = None
-    stands = refused if refused is not None and refused.stands(before, wishes, perception) else None
-    if before is None:
-        if not wishes or stands is not None:
-            return None, stands if wishes else None
-        begun, reason = _begin(wishes, perception, body, part, met, mode)
-        return begun, refusal(reason, before, wishes, perception)
-    after, reason = before, ""
-    if wishes:
-        after = before.touched_again(now, before.gain)
-        if before.ended is None and stands is None:
-            more = [
-                one.gain for one in wishes if one.gain > before.gain and _is_same(one.field, before.field)
-            ]
-            if more:
-                grown = before.touched_again(now, max(more))
-                if not (reason := why_not(perception, body, part, grown.target, mode=mode)):
-                    after = grown
-    elif not before.quiet:
-        after = replace(before, quiet=True)
-    if after.ended is None and not met <= after.met:
-        after, reason = _meet(after, perception, body, part, met, mode, reason)
-    told_now = refusal(reason, before, wishes, perception)
-    return after, told_now or (stands if wishes else None)
+    part: str
+    wishes: Sequence[Wish[F]]
+    perception: Perception
+    body: GenericBody
+    mode: Mode
+    met: frozenset[int]
+    """Identities of all present contacts."""
+
+    def withdraw(
+        self, before: Withdrawal[F] | None, refused: Refusal | None
+    ) -> tuple[Withdrawal[F] | None, Refusal | None]:
+        """The withdrawal after this instant, and the refusal if a wish is refused. `refused` is the last
+        refusal of the part, which may still stand."""
+        wishes = self.wishes
+        if before is not None and not wishes:
+            after, obstacle = self._meet(replace(before, quiet=True))
+            return after, self.refusal(obstacle, before)
+        if refused is not None and not refused.stands(before, wishes, self.perception):
+            refused = None
+        if before is None:
+            if refused is not None:
+                return None, refused
+            begun, why = self._begin()
+            return begun, self.refusal(why, before)
+        after, why = replace(before, touched=self.perception.stamp, quiet=False), ""
+        if not before.ended and refused is None:
+            after, why = self._grow(after)
+        after, obstacle = self._meet(after)
+        return after, self.refusal(obstacle or why, before) or refused
+
+    def refusal(self, reason: str, before: Withdrawal[F] | None) -> Refusal | None:
+        return Refusal.of(reason, before, self.wishes, self.perception) if reason else None
+
+    def _begin(self) -> tuple[Withdrawal[F] | None, str]:
+        """The withdrawal for the first permitted wish: lower ranks first, then larger gains. If none is
+        permitted, None and why the first is refused (empty if the posture is unknown)."""
+        origin, now, first = self.perception.posture[self.part], self.perception.stamp, ""
+        if not all(map(isfinite, origin.tolist())):
+            return None, ""
+        if origin.size != (valid := len(self.wishes[0].field.motion)):
+            raise CommandError(
+                f"{self.part} has {origin.size} generic joints; valid: {valid}, as the base motions of its "
+                "fields"
+            )
+        ways: dict[tuple[float, ...], list[Wish[F]]] = {}  # a motion is checked once for all its wishes
+        for wish in sorted(self.wishes, key=_urgency, reverse=True):
+            ways.setdefault(wish.field.motion, []).append(wish)
+        hopeless = [False] * len(ways)
+        for k, wishes in enumerate(ways.values()):
+            if hopeless[k]:
+                continue
+            wish = wishes[0]
+            target = target_of(origin, wish.gain, wish.field)
+            why = self._why_not(target, [one.contact for one in wishes])
+            if not why:
+                return Withdrawal(wish.field, origin, wish.gain, target, now, now, self.met), ""
+            if not first and len(ways) > 1:
+                hopeless = self._are_hopeless(origin, ways)
+            first = first or why
+        return None, first
+
+    def _grow(self, withdrawal: Withdrawal[F]) -> tuple[Withdrawal[F], str]:
+        """The withdrawal with the gain of a stronger touch of its field, or why it must not go so far."""
+        field, gain = withdrawal.field, withdrawal.gain
+        more = [wish.gain for wish in self.wishes if wish.gain > gain and _is_same(wish.field, field)]
+        if not more:
+            return withdrawal, ""
+        target = target_of(withdrawal.origin, max(more), field)
+        if why := self._why_not(target):
+            return withdrawal, why
+        return replace(withdrawal, gain=max(more), target=target), ""
+
+    def _meet(self, withdrawal: Withdrawal[F]) -> tuple[Withdrawal[F], str]:
+        """Ends a withdrawal here, and says why, if the rest of it would press skin into an object that has
+        touched since it was checked."""
+        if withdrawal.ended or self.met <= withdrawal.met:
+            return withdrawal, ""
+        if why := self._why_not(withdrawal.target):
+            return replace(withdrawal, target=self.perception.posture[self.part], ended=True), why
+        return replace(withdrawal, met=self.met), ""
+
+    def _why_not(self, target: Array, answers: Sequence[int] = ()) -> str:
+        return why_not(self.perception, self.body, self.part, target, mode=self.mode, answers=answers)
+
+    def _are_hopeless(self, origin: Array, ways: Mapping[tuple[float, ...], Sequence[Wish[F]]]) -> list[bool]:
+        """True for each way that the posture at its end rules out: this needs less time than whole paths."""
+        gains = np.array([wishes[0].gain for wishes in ways.values()])
+        contacts = [[wish.contact for wish in wishes] for wishes in ways.values()]
+        targets = origin + gains[:, None] * np.array([*ways])
+        return are_hopeless(self.perception, self.body, self.part, targets, contacts)
 
 
-def _begin(
-    wishes: Sequence[Wish[F]],
-    perception: Perception,
-    body: GenericBody,
-    part: str,
-    met: frozenset[int],
-    mode: Mode,
-) -> tuple[Withdrawal[F] | None, str]:
-    """Returns the withdrawal for the first permitted response in `wishes` (the requested responses).
-    Responses with a lower rank are tried first, and among equal ranks those with a larger gain. If none is
-    permitted, returns None and the reason why the first is refused (empty if the posture is unknown).
-    """
-    posture, first = perception.posture[part], ""
-    if not all(map(isfinite, posture.tolist())):
-        return None, ""
-    origin, now = frozen(posture.copy()), perception.stamp
-    ways: dict[tuple[float, ...], list[Wish[F]]] = {}
+def _urgency(wish: Wish[F]) -> tuple[int, float, str]:
     # Equal gains are sorted by name, so that the result does not depend on the order of contacts.
-    for wish in sorted(wishes, key=lambda wish: (-wish.rank, wish.gain, wish.field.name), reverse=True):
-        ways.setdefault(wish.field.motion, []).append(wish)
-    # Each motion is checked only once, even if several touches request it. After the first refusal, the fast
-    # check `are_hopeless` examines all other motions.
-    hopeless = [False] * len(ways)
-    for k, same in enumerate(ways.values()):
-        if hopeless[k]:
-            continue
-        begun = Withdrawal(same[0].field, origin, same[0].gain, now, now, met=met)
-        answers = [wish.contact for wish in same]
-        reason = why_not(perception, body, part, begun.target, mode=mode, answers=answers)
-        if not reason:
-            return begun, ""
-        if k == 0 and len(ways) > 1:
-            gains = np.array([own[0].gain for own in ways.values()])
-            targets = origin + gains[:, None] * np.array([*ways])
-            contacts = [[wish.contact for wish in own] for own in ways.values()]
-            hopeless = are_hopeless(perception, body, part, targets, contacts)
-        first = first or reason
-    return None, first
-
-
-def _meet(
-    withdrawal: Withdrawal[F],
-    perception: Perception,
-    body: GenericBody,
-    part: str,
-    met: frozenset[int],
-    mode: Mode,
-    reason: str,
-) -> tuple[Withdrawal[F], str]:
-    """Ends a withdrawal at the present posture if its remaining motion would press skin into a touching
-    object. `met` are the identities of all present contacts.
-
-    Returns the withdrawal, and the reason why it was ended; if it was not ended, the argument `reason`.
-    """
-    if why := why_not(perception, body, part, withdrawal.target, mode=mode):
-        return replace(withdrawal, ended=frozen(perception.posture[part].copy())), why
-    return replace(withdrawal, met=met), reason
+    return -wish.rank, wish.gain, wish.field.name
 
 
 def _is_same(one: F, other: F) -> bool:
-    # Comparing all values of two fields is slow, so identity and name are compared first.
-    return one is other or (one.name == other.name and one == other)
+    return one is other or (one.name == other.name and one == other)  # two fields compare slowly

@@ -171,7 +171,7 @@ def test_a_replay_compares_codes_and_numbers_and_no_text(field: str, counts: boo
 
 
 def test_a_recording_of_a_format_to_come_is_refused_by_its_number(tmp_path: Path) -> None:
-    with Recorder(tmp_path / "a.mcap", load_robot("nao"), about={"format": "3"}):
+    with Recorder(tmp_path / "a.mcap", load_robot("nao"), about={"format": "4"}):
         pass
-    with pytest.raises(RecordingError, match="has format '3'; this version of TCI reads 1, 2"):
+    with pytest.raises(RecordingError, match="has format '4'; this version of TCI reads 1, 2, 3"):
         Recording(tmp_path / "a.mcap")

@@ -16,10 +16,11 @@ from helpers.small_robot import build
 from helpers.xml_sample import GOOD
 from tci.errors import RecordingError
 from tci.gate.gate import Gate
-from tci.messages import JointReading, Mode, PlatformCommand, Reading, SkinFrame
+from tci.messages import GenericCommand, JointReading, Mode, PlatformCommand, Reading, SkinFrame
 from tci.recording.recorder import Recorder
 from tci.recording.recording import Recording
-from tci.recording.schemas import same_decision
+from tci.recording.rosmsg.cdr import decode
+from tci.recording.schemas import COMMAND, command_bytes, same_decision
 from tci.robot.catalogue import load_robot
 
 
@@ -183,3 +184,10 @@ def test_38_killed_with_minus_9_at_most_the_last_period_is_lost(lines: int, tmp_
     assert not recording.complete
     assert acknowledged <= len(found) <= acknowledged + 1
     assert [tick.now for tick in found] == [number * 0.01 for number in range(len(found))]
+
+
+def test_the_speed_of_a_command_is_recorded(tmp_path: Path) -> None:
+    speeds = (None, 0.3, np.array([0.1, 0.2, 0.3, 0.4, 0.5]))
+    orders = [GenericCommand("left_arm", Mode.POSITION, np.zeros(5), speed) for speed in speeds]
+    decoded = [decode(COMMAND, command_bytes(0.0, order))["speed"].tolist() for order in orders]
+    assert decoded == [[], [0.3], [0.1, 0.2, 0.3, 0.4, 0.5]]

@@ -9,6 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from tci.body.posture import speeds_of
 from tci.errors import CommandError, DescriptionError
 from tci.gate.acceptance import SLOWEST
 from tci.messages import CartesianCommand, Mode, PlatformCommand
@@ -132,6 +133,7 @@ def cartesian_to_platform(robot: Robot, command: CartesianCommand, position: Arr
     the nearest place in reach. Also raises the errors of Reach.
     """
     reach = reach_of(robot, command.part, command.point)
+    most = speeds_of(robot, command, Mode.POSITION)
     target = np.asarray(command.target, dtype=np.float64)
     found, error = reach.solve(target, position)
     if error > reach.actuator.tolerance and not command.nearest:
@@ -142,11 +144,11 @@ def cartesian_to_platform(robot: Robot, command: CartesianCommand, position: Arr
             code=Code.OUT_OF_REACH,
         )
     joints = joint_map(robot, command.part)
+    values, speeds = found[joints.servos], reach.speeds(position, found)
+    if most is not None:
+        speeds = np.minimum(speeds, joints.speeds_on_way(position, values, most))
     return PlatformCommand(
-        Mode.POSITION,
-        read_only(joints.servos, np.intp),
-        read_only(found[joints.servos]),
-        reach.speeds(position, found),
+        Mode.POSITION, read_only(joints.servos, np.intp), read_only(values), read_only(speeds)
     )
 
 

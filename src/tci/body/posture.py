@@ -8,13 +8,18 @@ import numpy as np
 
 from tci.errors import CommandError
 from tci.gate.acceptance import is_likely_degrees
-from tci.messages import GenericCommand, Mode, PlatformCommand, PlatformSwitch, SwitchMode
+from tci.messages import CartesianCommand, GenericCommand, Mode, PlatformCommand, PlatformSwitch, SwitchMode
 from tci.messages.frames import Array, frozen, read_only
 from tci.robot.description import GenericPart, Robot
 from tci.robot.joint_map import initial_position, joint_map
 
 ANGLES = (Mode.POSITION, Mode.IMPEDANCE)
 """Modes whose values are joint angles [rad]."""
+RESERVE = 0.85
+"""Part of the speed in a command that references use. In simulation, the joints of an arm that accelerates
+are up to 15 % faster than their references."""
+MOVING = (*ANGLES, Mode.VELOCITY)
+"""Modes in which a command may contain a speed."""
 
 
 def generic_columns(robot: Robot, part: str, jacobian: Array, position: Array) -> Array:
@@ -51,6 +56,8 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
     - a wrong number of values, or a value that is not finite
     - an angle of more than a full turn
     - a velocity or torque, if a transform is singular at `position`
+    - a speed that is not above 0 or has another shape, or with which a transform is singular on the way
+    - a speed in another mode than position, impedance or velocity
     - a part of which the robot has no joint
     """
     joints = joint_map(robot, command.part)
@@ -82,18 +89,41 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
             f"{robot.name} has no joint in its {part.name}: it lacks {lacks}; valid: {', '.join(others)}"
         )
     here = initial_position(robot) if position is None else position
+    most = speeds_of(robot, command, command.mode)
     speeds = joints.unlimited
     # each of these methods returns a new array
     if command.mode in ANGLES:
         values, speeds = joints.to_robot(values, here), joints.speeds(here)
+        if most is not None:
+            speeds = frozen(np.minimum(speeds, joints.speeds_on_way(here, values, most)))
     elif command.mode is Mode.VELOCITY:
         values = joints.per_servo(values[joints.ids], here)
+        if most is not None:
+            values = joints.rates_within(values, here, most)
         speeds = joints.driven_speeds(here)
     elif command.mode is Mode.TORQUE:
         values, speeds = joints.slope(here).T @ values[joints.ids], joints.driven_speeds(here)
     else:
         values = joints.shares(values)
     return PlatformCommand(command.mode, joints.servos, frozen(values), speeds)
+
+
+def speeds_of(robot: Robot, command: GenericCommand | CartesianCommand, mode: Mode) -> Array | None:
+    """Returns the speeds (n,) [rad/s] that the references of the generic joints must not exceed so that the
+    joints keep the speed of the command; None if it asks for none. Raises CommandError if it asks for an
+    invalid speed, or for a speed in a `mode` that has none."""
+    if command.speed is None:
+        return None
+    speed, count = np.asarray(command.speed, dtype=np.float64), len(robot.part(command.part).servos)
+    if mode not in MOVING:
+        valid = ", ".join(one.value for one in MOVING)
+        raise CommandError(f"speed of {command.part}: none in {mode.value} mode; valid in: {valid}")
+    if speed.shape not in ((), (count,)) or not (speed > 0.0).all():
+        raise CommandError(
+            f"speed of {command.part}: {np.array2string(speed, precision=3)}; "
+            f"valid: above 0 rad/s, one number or {count} numbers"
+        )
+    return RESERVE * np.broadcast_to(speed, count)
 
 
 def speed_limits(robot: Robot, part: str, position: Array) -> Array:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from tci.errors import CommandError
 from tci.messages.frames import Array, read_only
 from tci.messages.modes import Mode
-from tci.support.records import quick
 
 
 def _take_mode(command: GenericCommand | SwitchMode | PlatformSwitch | PlatformCommand) -> None:
@@ -20,10 +19,9 @@ def _take_mode(command: GenericCommand | SwitchMode | PlatformSwitch | PlatformC
         object.__setattr__(command, "mode", Mode.of(command.mode))
 
 
-@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class GenericCommand:
-    """A capability's command to a generic part."""
+    """What a generic part should do next. A later command to the part replaces it."""
 
     part: str
     """Name of the generic part."""
@@ -31,14 +29,27 @@ class GenericCommand:
     """Quantity and unit of `values`."""
     values: Array
     """One value per generic joint (n,)."""
+    speed: Array | float | None = None
+    """Speed [rad/s] that no generic joint may exceed on its way, also in velocity mode: one number for all
+    joints, or one per joint (n,), above 0. References use 85 % of it, because joints overshoot. None leaves
+    the speeds of the description. Not in torque mode, where nothing plans the way."""
 
     def __post_init__(self) -> None:
         _take_mode(self)
-        if not isinstance(self.values, np.ndarray):
-            try:
-                object.__setattr__(self, "values", read_only(self.values))
-            except (TypeError, ValueError) as error:
-                raise CommandError(f"{self.mode.value} of {self.part}: {error}; valid: numbers") from error
+        _take_numbers(self, "values", self.mode.value)
+        if self.speed is not None:
+            _take_numbers(self, "speed", "speed")
+
+
+def _take_numbers(command: GenericCommand | CartesianCommand, name: str, what: str) -> None:
+    """Replaces a number or a sequence in a command by a read-only array. Raises CommandError if it contains
+    anything else than numbers."""
+    numbers = getattr(command, name)
+    if not isinstance(numbers, np.ndarray):
+        try:
+            object.__setattr__(command, name, read_only(numbers))
+        except (TypeError, ValueError) as error:
+            raise CommandError(f"{what} of {command.part}: {error}; valid: numbers") from error
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +67,12 @@ class CartesianCommand:
     nearest: bool = False
     """If the target is out of reach: True moves the point to the nearest reachable place, False refuses the
     command."""
+    speed: Array | float | None = None
+    """Speed [rad/s] that no generic joint may exceed, as in `GenericCommand`."""
+
+    def __post_init__(self) -> None:
+        if self.speed is not None:
+            _take_numbers(self, "speed", "speed")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +102,6 @@ class PlatformSwitch:
         _take_mode(self)
 
 
-@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class PlatformCommand:
     """A command to servos, in the robot's own joint angles. If it was converted from generic joints, it

@@ -56,7 +56,7 @@ def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]
         elif kind is SKIN:
             frame = to_frame(decode(kind, data))
             frames.setdefault(frame.patch, []).append(frame)
-        elif kind is COMMAND:
+        elif kind.name == COMMAND.name:
             fields = decode(kind, data)
             rows.setdefault("commands", []).append(
                 (fields["sec"] + fields["nanosec"] / 1e9, _command(fields))

@@ -26,6 +26,7 @@ from tci.messages.frames import Array
 from tci.recording.rosmsg.cdr import MessageType, decode
 from tci.recording.schemas import (
     COMMAND,
+    COMMAND_1,
     DECISION,
     DECISION_1,
     FORMAT,
@@ -47,8 +48,8 @@ _PERIODS = (1e-4, 10.0)
 """Shortest and longest control period [s] that is accepted in a recording. Assumed: no control loop has a
 period outside this range.
 """
-_DECISIONS = {"1": DECISION_1, str(FORMAT): DECISION}
-"""Message type of decisions for each recording format that can be read."""
+_FORMATS = {"1": (COMMAND_1, DECISION_1), "2": (COMMAND_1, DECISION), str(FORMAT): (COMMAND, DECISION)}
+"""Message types of commands and decisions for each recording format that can be read."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,11 +102,11 @@ class Recording:
         if not self.about:
             raise RecordingError(f"{self.path} has no metadata named 'tci'; {VALID}")
         form = self.about.get("format", "1")
-        if form not in _DECISIONS:
+        if form not in _FORMATS:
             raise RecordingError(
-                f"{self.path} has format {form[:20]!r}; this version of TCI reads {', '.join(_DECISIONS)}"
+                f"{self.path} has format {form[:20]!r}; this version of TCI reads {', '.join(_FORMATS)}"
             )
-        kinds = (JOINTS, IMU, SKIN, TICK, COMMAND, _DECISIONS[form])
+        kinds = (JOINTS, IMU, SKIN, TICK, *_FORMATS[form])
         self._kinds = {kind.name: kind for kind in kinds}
 
     @property
@@ -170,7 +171,7 @@ class Recording:
                 state.gravity = to_gravity(fields)
             elif kind is SKIN:
                 state.frames[fields["number"]] = to_frame(fields)
-            elif kind is COMMAND:
+            elif kind.name == COMMAND.name:
                 commands.append(fields)
             else:
                 waiting = fields["now"], self._reading(state, fields)

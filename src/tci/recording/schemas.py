@@ -70,7 +70,7 @@ TICK = MessageType(
     "skin: numbers of the patches whose latest frames were read. "
     f"Modes: {', '.join(mode.value for mode in MODES)}, from 0.",
 )  # fmt: skip
-COMMAND = MessageType(
+COMMAND_1 = MessageType(
     "tci_msgs/msg/Command",
     (
         ("string", "kind"), ("string", "part"), ("string", "mode"), ("float64[]", "values"),
@@ -78,8 +78,14 @@ COMMAND = MessageType(
     ),
     says="A command of the behaviour to a generic part.",
 )  # fmt: skip
-FORMAT = 2
-"""Format of the recordings that this version writes. In format 1, decisions have no codes."""
+COMMAND = replace(
+    COMMAND_1,
+    fields=(*COMMAND_1.fields, ("float64[]", "speed")),
+    says=f"{COMMAND_1.says}\nspeed: largest speeds [rad/s]: none, one for all joints, or one for each.",
+)
+FORMAT = 3
+"""Format of the recordings that this version writes. In format 1, decisions have no codes; in formats 1 and
+2, commands have no speed."""
 DECISION_1 = MessageType(
     "tci_msgs/msg/Decision",
     (
@@ -203,7 +209,9 @@ def command_bytes(now: float, command: Order) -> bytes:
             values = (command.mode.value, command.values, "", False, command.servos)
         case PlatformSwitch():
             values = (command.mode.value, nothing, "", False, command.servos)
-    return encode(COMMAND, (*header(now), kind, part, *values))
+    speed = getattr(command, "speed", None)
+    speeds = nothing if speed is None else np.atleast_1d(np.asarray(speed, np.float64))
+    return encode(COMMAND, (*header(now), kind, part, *values, speeds))
 
 
 def decision_bytes(sent: SafeCommand) -> bytes:

@@ -16,6 +16,14 @@ from tci.robot.transforms import KINDS, Coupled, Linear, Retarget, Synergy, Tabl
 from tci.support.compiled import entry
 
 _combine_servos = entry(combine_servos)
+WAYPOINTS = 65
+"""Number of postures on the way of a command with a speed at which the largest speeds of the servos are
+computed. Assumed: between two of them a servo turns by less than 3 degrees, and the derivative is near its
+largest value."""
+HORIZON, MOMENTS = 0.2, 5
+"""Time [s] for which a velocity must not become too fast although its derivative changes, and number of
+postures at which this is checked. Assumed: a joint lags behind its reference by less, and the next velocity
+comes sooner."""
 
 
 class JointMap:
@@ -131,6 +139,40 @@ class JointMap:
             return self._limits
         parts = [t.speeds(position.take(t.servos), self._speeds.take(t.ids)) for t in self.transforms]
         return frozen(np.concatenate([np.zeros(0), *parts]))
+
+    def speeds_on_way(self, position: Array, target: Array, most: Array) -> Array:
+        """Returns speeds (k,) [rad/s] of `servos` at which no generic joint exceeds `most` (n,) [rad/s] on
+        the way to `target` (k,) [rad], however the servos share the way.
+
+        All servos are at `position` (n_servos,) [rad]. Raises CommandError if a transform has no derivative
+        somewhere on the way.
+        """
+        steepest = np.abs(self._slopes(position, target - position[self.servos], WAYPOINTS)).max(axis=0)
+        return servo_speeds(steepest, most[self.ids])
+
+    def rates_within(self, rates: Array, position: Array, most: Array) -> Array:
+        """Returns the `rates` (k,) [rad/s] of `servos`, all reduced by one factor so that no generic joint
+        exceeds `most` (n,) [rad/s] now and in the next moments, nor while the servos accelerate one after the
+        other. Raises CommandError if a transform has no derivative here."""
+        moved = self._slopes(position, HORIZON * rates, MOMENTS) * rates
+        pushed, pulled = np.maximum(moved, 0.0).sum(axis=2), np.maximum(-moved, 0.0).sum(axis=2)
+        fastest = np.maximum(pushed, pulled).max(axis=0)
+        share: float = np.min(most[self.ids] / np.maximum(fastest, 1e-300), initial=1.0)
+        return share * rates
+
+    def _slopes(self, position: Array, way: Array, count: int) -> Array:
+        """Returns the derivatives (p, m, k) d generic / d servo on the straight `way` (k,) [rad] from
+        `position` (n_servos,) [rad]: at `count` postures, or at one if they are equal."""
+        if self._slope is not None:
+            return self._slope[None]
+        path = position[self.servos] + np.linspace(0.0, 1.0, count)[:, None] * way
+        result = np.zeros((count, len(self.ids), len(self.servos)))
+        row = column = 0
+        for transform in self.transforms:
+            rows, columns = row + len(transform.ids), column + len(transform.servos)
+            result[:, row:rows, column:columns] = transform.slopes(path[:, column:columns])
+            row, column = rows, columns
+        return result
 
     def driven_speeds(self, position: Array) -> Array:
         """Returns the largest permitted speeds (k,) [rad/s] of `servos` in velocity and torque mode.

@@ -17,7 +17,7 @@ import numpy as np
 from tci.errors import DescriptionError, Fault
 from tci.messages.frames import Array, read_only
 from tci.robot.description import GenericPart, Robot
-from tci.robot.generic_arm import shoulder_angles, side_sign, upper_arm_rotation
+from tci.robot.generic_arm import SIDEWAYS, shoulder_angles, side_sign, upper_arm_rotation
 from tci.robot.kinematics import KinematicChain
 
 SLANT = 0.05
@@ -174,6 +174,24 @@ class Shoulder:
         first, second, third = self.axes
         carried, other, _ = self._turns(angles)
         return np.column_stack([first, carried @ second, carried @ other @ third])
+
+    def spins(self, angles: Array, R_TM: Array) -> tuple[Array, Array]:
+        """Returns the axes of the generic joints (p, 3, 3) and of the servos (p, 3, 3) at p postures of the
+        servos, `angles` (p, 3) [rad]: as `generic_spin` and `spin`, for many postures at once."""
+        crosses, squares = self._crosses
+        turned = angles[:, :, None, None]
+        turns = ONE + np.sin(turned) * crosses + (1.0 - np.cos(turned)) * squares
+        first, both = turns[:, 0], turns[:, 0] @ turns[:, 1]
+        a1, a2, a3 = self.axes
+        spin = np.stack([np.broadcast_to(a1, (len(angles), 3)), first @ a2, both @ a3], axis=-1)
+        R_MU = R_TM.T @ both @ turns[:, 2] @ self._at_zero
+        s, down = side_sign(self.side), -R_MU[:, :, 2]
+        ahead = np.hypot(down[:, 0], down[:, 2])
+        pitch = np.where(ahead < SIDEWAYS, 0.0, np.arctan2(down[:, 0], -down[:, 2]))
+        # the axis of abduction is level with the mount, and square to the axis of pitch
+        level = s * np.stack([np.cos(pitch), np.zeros(len(pitch)), np.sin(pitch)], axis=-1)
+        lead = np.broadcast_to([0.0, -1.0, 0.0], level.shape)
+        return R_TM @ np.stack([lead, level, s * down], axis=-1), spin
 
     def generic(self, R_TU: Array, R_TM: Array) -> Array:
         """Returns the generic angles (3,) [rad] of an upper arm with the rotation `R_TU` (3, 3). `R_TM` (3,

@@ -51,6 +51,11 @@ class Transform(ABC):
     def slope(self, angles: Array) -> Array:
         """Returns the derivative d generic / d servo (k, k) at servo `angles` (k,) [rad]."""
 
+    def slopes(self, angles: Array) -> Array:
+        """Returns the derivatives (p, k, k) at p postures `angles` (p, k) [rad]. Raises CommandError where
+        there is none."""
+        return np.array([self.slope(one) for one in angles])
+
     def speeds(self, angles: Array, most: Array) -> Array:
         """Returns the speed (k,) [rad/s] at which each servo may move to a target, with all servos at
         `angles` (k,) [rad]. `most` (k,) [rad/s] are the largest speeds of the generic joints, as given in the
@@ -184,9 +189,17 @@ class Retarget(Transform):
         """Returns the derivative d generic / d servo (3, 3). Raises CommandError at 90 degrees of abduction,
         where the generic shoulder is singular."""
         axes = self._shoulder.generic_spin(self.generic(angles), self._R_TM)
-        if abs(np.linalg.det(axes)) < self._least:
-            raise CommandError(f"{self._name}: at 90 degrees of abduction no generic velocity is defined")
+        self._check(axes)
         return np.array(np.linalg.solve(axes, self._shoulder.spin(angles)))
+
+    def slopes(self, angles: Array) -> Array:
+        axes, spin = self._shoulder.spins(angles, self._R_TM)
+        self._check(axes)
+        return np.array(np.linalg.solve(axes, spin))
+
+    def _check(self, axes: Array) -> None:
+        if (np.abs(np.linalg.det(axes)) < self._least).any():
+            raise CommandError(f"{self._name}: at 90 degrees of abduction no generic velocity is defined")
 
     def speeds(self, angles: Array, most: Array) -> Array:
         """Returns `most` (k,) [rad/s], the speeds in the description, unchanged: in a retargeted shoulder

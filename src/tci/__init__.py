@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from tci.runtime.loop import Tick as Tick
     from tci.runtime.loop import run as run
     from tci.runtime.result import RunResult as RunResult
+    from tci.runtime.stepper import Stepper as Stepper
     from tci.simulation.world import World as World
 else:
     __all__, __getattr__, __dir__ = lazy_names(__name__)

@@ -61,6 +61,8 @@ class Code(IntEnum):
     """The run has ended."""
     PROGRAM_FAILED = 304
     """The program raised an exception or was interrupted."""
+    CALLER_SILENT = 305
+    """The program that steps the robot gave no orders for too long."""
 
     SKIN_SILENT = 400
     """A patch of skin stopped sending."""

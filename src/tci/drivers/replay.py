@@ -14,6 +14,7 @@ from tci.drivers.info import STREAMS, DriverInfo
 from tci.errors import DriverError
 from tci.gate.gate import SafeCommand
 from tci.messages import Reading
+from tci.messages.clock import SteppedClock
 from tci.recording.importing import FROM_FILE
 from tci.recording.recorder import versions
 from tci.recording.recording import RecordedTick, Recording
@@ -36,7 +37,7 @@ def changed_versions(then: str) -> list[str]:
             for name, old in known.items() if name in here and here[name] != old]  # fmt: skip
 
 
-class ReplayClock:
+class ReplayClock(SteppedClock):
     """A clock with the recorded times."""
 
     def __init__(self) -> None:

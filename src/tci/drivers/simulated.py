@@ -13,7 +13,7 @@ from tci.drivers.info import DriverInfo
 from tci.errors import DriverError, UnknownNameError
 from tci.gate.gate import SafeCommand
 from tci.messages import Mode, Reading, SkinFrame
-from tci.messages.clock import MonotonicClock
+from tci.messages.clock import MonotonicClock, SteppedClock
 from tci.robot.description import Robot
 from tci.simulation.world import World
 from tci.skin.send_on_delta import SendOnDelta
@@ -26,7 +26,7 @@ LATE = 0.1
 it caught up after a longer delay, the robot would seem to jump."""
 
 
-class WorldClock:
+class WorldClock(SteppedClock):
     """The clock of the simulation. `sleep_until` does not wait, but runs the simulation until the given
     time."""
 

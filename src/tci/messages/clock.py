@@ -71,7 +71,12 @@ def _least_slack() -> None:
     ctypes.CDLL(None).prctl(set_timer_slack, 1, 0, 0, 0)
 
 
-class ManualClock:
+class SteppedClock:
+    """A clock that stands still until somebody waits for a later time: of a simulation, a recording or
+    a test."""
+
+
+class ManualClock(SteppedClock):
     """A clock for tests and simulations. Its time advances only when a caller calls `advance` or
     `sleep_until`."""
 

@@ -24,15 +24,15 @@ GROUP = "tci.capabilities"
 """Group of the entry points of capabilities."""
 
 
-def as_driver(given: object) -> Driver:
-    """Returns `given` if it is a connection to a robot.
+def as_driver(given: object, call: str = "run") -> Driver:
+    """Returns `given` if it is a connection to a robot. `call` is what the user called.
 
     Raises TciError if `given` is anything else, for example a robot or a name.
     """
     if isinstance(given, Driver):
         return given
     raise TciError(
-        f"run: {named(given)} in place of the connection to a robot; "
+        f"{call}: {named(given)} in place of the connection to a robot; "
         "valid: driver, from `with tci.connect('nao', 'sim') as driver:`"
     )
 

@@ -176,12 +176,17 @@ class Control:
         self.report.work.add(time.perf_counter() - self._begun)
         return sent
 
+    def halt(self) -> None:
+        """Calls the robot's own stop (`Driver.halt`). What was sent before needs no other end."""
+        self.driver.halt()
+        self._sent = None
+
     def finish(self) -> None:
         """Brings joints that still move to rest: holds the robot until they are at rest, and then ends the
         hold."""
         self._over = True
         gate = self.driver.gate
-        if self._sent is None or not _moves(self._sent) or not len(gate.targets):
+        if self._sent is None or not _moves(self._sent):
             return
         self.report.cut_short = self._writes and not self.driver.info.recorded
         ended = Reason(Code.RUN_ENDED, "the run has ended")

@@ -122,7 +122,7 @@ class ServoCheck:
                 return moved, reason
             own = moved[servo.index] * way
             if own > 3.0 * step + noise + np.deg2rad(0.2):
-                self.driver.halt()
+                self.control.halt()
                 words = f"it moved {own / step:.0f} times as far as commanded"
                 return moved, Reason(Code.MOVED_TOO_FAR, words)
             if index == 0 and servo.robot_part not in self._small:
@@ -168,7 +168,7 @@ class ServoCheck:
             self.largest = max(self.largest, float(np.abs(moved).max()))
             reason = self._stray(moved, servo, way, others, noise)
             if reason is not None:
-                driver.halt()
+                self.control.halt()
                 return moved, reason
             place = safe.servos.tolist().index(servo.index) if servo.index in safe.servos else None
             there = place is not None and abs(safe.position[place] - target) < 1e-4

@@ -79,7 +79,7 @@ class OnePatch:
     @property
     def masked(self) -> np.ndarray:
         masked = self.whole.state.masked
-        return np.zeros(len(self.whole.layout.arrays.taxel), bool) if masked is None else masked
+        return np.zeros(len(self.whole.layout.arrays.taxels), bool) if masked is None else masked
 
     @property
     def dropped(self) -> int:

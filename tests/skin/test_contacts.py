@@ -61,7 +61,7 @@ def find_clusters(forces: np.ndarray, pairs: np.ndarray) -> list[np.ndarray]:
     """Returns the taxels (k,) of each cluster on a patch whose neighbourhood is given."""
     layout = SkinLayout.of([skin_patch(NAO_SENSOR, np.arange(len(forces)), neighbours=pairs)])
     clusters = ContactFinder(layout)._clusters
-    state = skin_state(layout, {"skin": forces / layout.arrays.taxel[:, 6]})
+    state = skin_state(layout, {"skin": forces / layout.arrays.taxels["area"]})
     active = ActiveTaxels(state.stamp, state.begin, state.active, state.pressure)
     unknown = np.full(len(forces), np.inf)
     count, _, _ = cluster(active, SETTINGS.limits, unknown, layout.arrays, clusters)

@@ -19,7 +19,6 @@ from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 from tci.runtime.loop import Tick, run
-from tci.skin.kernels.condition import CONSTANT
 from tci.skin.send_on_delta import HoldLast, SendOnDelta
 from tci.skin.skin import Skin
 
@@ -145,7 +144,7 @@ def test_unchanged_patches_are_only_counted() -> None:
     noted = np.zeros(len(NAO.patches), int)
     for k in range(60):
         skin.conditioner.step(held.fill(frames, k / RATE))
-        noted += skin.conditioner._memory.patches[:, CONSTANT] <= 0.0
+        noted += skin.conditioner._memory.patches["repeats"] <= 0
     # Three frames until the values have settled, and two frames after the shorter first window of some
     # patches.
     assert noted.max() <= 5

@@ -27,7 +27,7 @@ from tci.robot.generic_arm import SEGMENTS
 from tci.robot.joint_map import initial_position
 from tci.robot.limb import generic_limb_distance
 from tci.skin.contacts import ContactFinder, ContactSettings
-from tci.skin.kernels.arrays import AREA, FULL, LIMB_LINK, REST, SIGN, STRAIGHT, ActiveTaxels, ContactArrays
+from tci.skin.kernels.arrays import ActiveTaxels, ContactArrays
 from tci.skin.kernels.condition import condition
 from tci.skin.kernels.contacts import SUMMARY, cluster, describe
 from tci.support.compiled import inlined
@@ -79,7 +79,7 @@ class Frame:
         self.layout, conditioner = self.skin.layout, self.skin.conditioner
         arrays = self.layout.arrays
         self.surface = self.skin.surfaces[self.patch.name]
-        n = len(arrays.taxel)
+        n = len(arrays.taxels)
         self.n, random = n, np.random.default_rng(0)
         base = default_fields(measure="weighted")
         self.fields = tuple(
@@ -93,7 +93,7 @@ class Frame:
         )  # fmt: skip
         self.rest = np.full(self.patch.channels, self.patch.sensor.rest, np.uint8)
         self.touched = self.rest.copy()
-        pitch = float(np.sqrt(arrays.taxel[:, 6].mean()))
+        pitch = float(np.sqrt(arrays.taxels["area"].mean()))
         for i in range(contacts):
             at = self.surface.positions[int((i + 0.5) * n / contacts)]
             near = np.linalg.norm(self.surface.positions - at, axis=1) < 1.6 * pitch
@@ -115,7 +115,7 @@ class Frame:
         self._room = np.zeros((RANKS, n), np.int64), np.zeros((RANKS, n))
         self._arguments = (
             *self._condition[:3], *self._condition[4:], self._clusters, *self._posture,
-            np.zeros((n, SUMMARY)), ContactArrays.empty(n, n), self._segments, *self.tables, *self._room,
+            np.zeros(n, SUMMARY), ContactArrays.empty(n, n), self._segments, *self.tables, *self._room,
             self.gains,
         )  # fmt: skip
         self.show(self.touched)
@@ -143,7 +143,7 @@ class Frame:
             return
         made = ContactArrays.empty(count, taxels)
         hidden = self._condition[5].hidden
-        describe(arrays, hidden, self._clusters, *self._posture, np.empty((count, SUMMARY)), made)
+        describe(arrays, hidden, self._clusters, *self._posture, np.empty(count, SUMMARY), made)
         closest, gains = np.empty((RANKS, count), np.int64), np.empty((RANKS, count))
         find_answers(*self.tables, False, self._segments, *map(frozen, made), closest, gains)
 
@@ -190,27 +190,30 @@ class InC:
         self._function.restype = ctypes.c_int64
         f, n, arrays = frame, frame.n, frame.layout.arrays
         estimates = frame.skin.conditioner.estimates
-        own, limb = f.poses[f.patch.link], f.layout.links[arrays.on[0, LIMB_LINK]]
-        blocks = len(arrays.span)
-        sensor = arrays.sensor[0]
-        turn = 255 if sensor[SIGN] < 0.0 else 0
+        (patch,) = arrays.patches
+        own, limb = f.poses[f.patch.link], f.layout.links[patch["limb_link"]]
+        blocks = -(-n // 64)
+        sensor = np.array([patch[name] for name in ("lowest", "highest", "rest", "sign", "full")], np.float32)
+        turn = 255 if patch["sign"] < 0.0 else 0
         # `turn` inverts the bytes of sensors whose values fall with pressure, so that signals rise.
-        signals = sensor[SIGN] * ((np.arange(256) ^ turn) - sensor[REST])
+        signals = patch["sign"] * ((np.arange(256) ^ turn) - patch["rest"])
         octets, words = np.zeros((7, 64 * blocks), np.uint8), np.zeros((2, 64 * blocks), np.uint16)
         octets[3], octets[6] = 255, np.count_nonzero(signals < THRESHOLD) - 1
+        straight = int((np.diff(arrays.channel) == 1).all())
+        box = np.array([*patch["corner"], patch["cells_per_metre"], *patch["cells"]])
         members = [
             ("n", n), ("fields_n", len(f.fields)), ("repeats", 1), ("stride", f.values.shape[1]),
-            ("padded", octets.shape[1]), ("straight", int(arrays.span[:, STRAIGHT].all())), ("frames", 0),
-            ("since", 0), ("turn", turn), ("end", int(np.count_nonzero(signals < sensor[FULL])) - 1),
+            ("padded", octets.shape[1]), ("straight", straight), ("frames", 0),
+            ("since", 0), ("turn", turn), ("end", int(np.count_nonzero(signals < patch["full"])) - 1),
             ("felt", 0), ("values", f.values), ("channels", arrays.channel), ("sensor", sensor),
             ("offset", estimates.offset), ("gain", arrays.gain),
-            ("area", np.ascontiguousarray(arrays.taxel[:, AREA])),
+            ("area", np.ascontiguousarray(arrays.taxels["area"])),
             ("memory", np.zeros(7 * n, np.float32)), ("octets", octets),
             ("words", words), ("blocks", np.zeros((4, blocks), np.int32)), ("active", np.zeros(n, np.int32)),
             ("force", np.zeros(n)), ("floor", SETTINGS.floor),
             ("touch", SETTINGS.touch), ("graph", arrays.graph), ("work", np.zeros(4 * n + 1, np.int32)),
-            ("taxels", arrays.taxel), ("faces", arrays.faces), ("box", arrays.box), ("cells", arrays.cells),
-            ("T_TL", own), ("T_TG", f.poses[limb]), ("limb", arrays.limb),
+            ("taxels", arrays.taxels), ("faces", arrays.faces), ("box", box), ("cells", arrays.cells),
+            ("T_TL", own), ("T_TG", f.poses[limb]), ("limb", np.array(patch["limb"])),
             ("posture", f.posture), ("numbers", np.zeros((n, 7))), ("vectors", np.zeros((n, 5, 3))),
             ("indices", np.zeros(n, np.int64)), ("places", np.zeros((4, n))),
             ("fields", np.array([f.tables[0][name] for name in FIELD.names or ()], np.float64)),

@@ -77,7 +77,7 @@ def clusters_and_scipy(robot: tci.Robot) -> tuple[Work, Work]:
     distance = np.linalg.norm(surface.positions - surface.positions[100], axis=1)
     forces = np.where(distance < 0.015, 0.5, 0.0)
     settings, clusters = ContactSettings(), ContactFinder(layout)._clusters
-    onset = np.full(len(layout.arrays.taxel), np.inf)
+    onset = np.full(len(layout.arrays.taxels), np.inf)
     place, touched = layout.places["left_forearm"], np.flatnonzero(forces)
     begin = np.zeros(len(layout.sites) + 1, np.int64)
     begin[place + 1 :] = len(touched)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tci.errors import TciError
 from tci.messages.frames import Array
-from tci.skin.kernels.baseline import ROOM, BaselineArrays, Window, update_baseline
+from tci.skin.kernels.baseline import ROOM, BaselineArrays, Window, WindowSettings, update_baseline
 from tci.support.compiled import entry
 
 _update_baseline = entry(update_baseline)
@@ -146,13 +146,13 @@ class Baseline:
     def update(self, window: Window, healthy: NDArray[np.bool_]) -> None:
         """Updates rest values and noise of the `healthy` taxels (n,) from one estimation window."""
         s, elapsed = self.settings, window.elapsed
-        weights = [1.0 - exp(-elapsed / constant) for constant in (s.own, s.release, s.noise)]
-        numbers = np.array([
-            s.threshold, s.quiet, s.fluctuating, s.share, s.lively, self.typical_noise,
-            self._slew * elapsed, self._floor, *weights,
-        ])  # fmt: skip
+        own, release, noise = (1.0 - exp(-elapsed / constant) for constant in (s.own, s.release, s.noise))
+        settings = WindowSettings(
+            float(s.threshold), float(s.quiet), float(s.fluctuating), float(s.share), float(s.lively),
+            self.typical_noise, self._slew * elapsed, self._floor, own, release, noise,
+        )  # fmt: skip
         self.typical_noise = _update_baseline(
-            self._estimates, window, healthy, self._neighbours, numbers, self._afresh, self._room
+            self._estimates, window, healthy, self._neighbours, settings, self._afresh, self._room
         )
         self._afresh = False
 

@@ -23,28 +23,8 @@ from tci.skin.baseline import BaselineSettings
 from tci.skin.estimation import PatchEstimator
 from tci.skin.frame_buffer import FrameBuffer
 from tci.skin.health import Health, HealthSettings
-from tci.skin.kernels.arrays import BLOCK, BLOCK_SIZE, ActiveTaxels, Estimates, SkinMemory
-from tci.skin.kernels.condition import (
-    BLOCK_COLUMNS,
-    CHANGES,
-    CONSTANT,
-    DIFFERENCES,
-    DROPPED,
-    DUE,
-    ELAPSED,
-    FRAMES,
-    IN_WINDOW,
-    LEAST,
-    PATCH_COLUMNS,
-    REPEATED,
-    REPEATS,
-    ROWS,
-    SATURATED,
-    SIGNAL,
-    STAMP,
-    TOTAL,
-    condition,
-)
+from tci.skin.kernels.arrays import ActiveTaxels, Estimates, SkinMemory
+from tci.skin.kernels.condition import condition
 from tci.skin.layout import SkinLayout
 from tci.skin.shear import ForceVectors
 from tci.support.compiled import entry
@@ -102,31 +82,13 @@ class Conditioner:
             PatchEstimator(patch, settings.baseline, settings.health) for patch in layout.patches
         )
         """Estimators of rest values, noise and health, one for each patch."""
-        arrays, patches = layout.arrays, len(layout.patches)
-        taxels, blocks = len(arrays.taxel), int(arrays.begin[-1, BLOCK])
+        taxels, patches = len(layout.arrays.taxels), len(layout.patches)
         self._buffer = FrameBuffer(layout)
-        self.estimates = Estimates(
-            offset=np.zeros(taxels, np.float32),
-            threshold=np.zeros(taxels, np.float32),
-            muted=np.zeros(taxels, np.bool_),
-            least=np.zeros(taxels),
-            fluctuating=np.zeros(taxels, np.bool_),
-            onset=np.full(taxels, np.inf),
-            hidden=np.zeros(taxels),
-        )
-        self._memory = SkinMemory(
-            statistics=np.zeros((ROWS, taxels), np.float32),
-            blocks=np.zeros((blocks, BLOCK_COLUMNS), np.int32),
-            patches=np.zeros((patches, PATCH_COLUMNS)),
-            smoothed=np.zeros(taxels if settings.latency > 0.0 else 0),
-            room=np.zeros(BLOCK_SIZE, np.float32),
-            counts=np.zeros(patches, np.int64),
-            active=np.zeros(taxels, np.int32),
-            pressure=np.zeros(taxels),
-        )
-        status = self._memory.patches
-        status[:, STAMP], status[:, CONSTANT] = np.nan, -1.0
-        status[:, DUE], status[:, LEAST] = settings.baseline.window, settings.baseline.frames
+        self.estimates = Estimates.initial(taxels)
+        self._memory = SkinMemory.initial(patches, taxels, smooth=settings.latency > 0.0)
+        state = self._memory.patches
+        state["stamp"], state["repeats"] = np.nan, -1
+        state["due"], state["least"] = settings.baseline.window, settings.baseline.frames
         # The second windows of the patches differ in length, so that they end in different frames.
         self._stagger = 0.5 * np.arange(patches) / max(patches, 1)
         self._out = ActiveTaxels(
@@ -147,19 +109,21 @@ class Conditioner:
     @property
     def dropped(self) -> int:
         """Number of values so far that were not finite or were outside their sensor's range."""
-        return int(self._memory.patches[:, DROPPED].sum())
+        return int(self._memory.patches["dropped"].sum())
 
     @property
     def health(self) -> dict[str, PatchHealth]:
         """Returns the health of each patch by its name."""
         self.catch_up()
-        found, firsts = {}, self.layout.arrays.begin[:, BLOCK]
-        for p, (site, estimator) in enumerate(zip(self.layout.sites, self.estimators, strict=True)):
+        found = {}
+        for site, estimator, state in zip(
+            self.layout.sites, self.estimators, self._memory.patches, strict=True
+        ):
             masked = estimator.masked()
             coverage = 1.0 - len(masked) / max(len(estimator.health.state), 1)
-            saturated = int(self._memory.blocks[firsts[p] : firsts[p + 1], SATURATED].sum())
-            dropped = int(self._memory.patches[p, DROPPED])
-            found[site.patch] = PatchHealth(coverage, masked, saturated, dropped)
+            found[site.patch] = PatchHealth(
+                coverage, masked, saturated=int(state["saturated"]), dropped=int(state["dropped"])
+            )
         return found
 
     def copy(self) -> Conditioner:
@@ -216,10 +180,9 @@ class Conditioner:
         if not self._ended:
             return False
         p = self._ended[-1]
-        estimator, status = self.estimators[p], self._memory.patches[p]
-        own = self.layout.taxels[p]
         self._count_repeats(p)
-        if estimator.update(self._memory.statistics[:, own], status):
+        statistics = self._memory.statistics.of(self.layout.taxels[p])
+        if self.estimators[p].update(statistics, self._memory.patches[p]):
             self._ended.pop()
             self._restart(p)
         return True
@@ -236,9 +199,9 @@ class Conditioner:
         """
         if (p := self.layout.places.get(patch)) is None:
             raise UnknownNameError("skin patch", patch, self.layout.places)
-        if self._memory.patches[p, FRAMES]:
+        if self._memory.patches[p]["frames"]:
             self.catch_up()
-            self.estimators[p].rezero(self._memory.statistics[:, self.layout.taxels[p]])
+            self.estimators[p].rezero(self._memory.statistics.of(self.layout.taxels[p]))
             self._restart(p)
 
     def _step_each(self, frames: Sequence[SkinFrame]) -> bool:
@@ -250,7 +213,7 @@ class Conditioner:
         return any(taken)
 
     def _is_new(self, frame: SkinFrame, known: int) -> bool:
-        stamp = self._memory.patches[self.layout.places[frame.patch], STAMP]
+        stamp = self._memory.patches[self.layout.places[frame.patch]]["stamp"]
         return frame.sequence > known or not frame.stamp <= stamp + RESTART
 
     def _condition(self, frames: Sequence[SkinFrame]) -> None:
@@ -263,11 +226,9 @@ class Conditioner:
         if self._masked is not None:
             self._revive(buffer.which.tolist())
         if ended:
-            status = memory.patches
-            self._ended = [
-                p for p in buffer.which.tolist()
-                if status[p, ELAPSED] >= status[p, DUE] and status[p, IN_WINDOW] >= status[p, LEAST]
-            ]  # fmt: skip
+            state = memory.patches
+            over = (state["elapsed"] >= state["due"]) & (state["in_window"] >= state["least"])
+            self._ended = [p for p in buffer.which.tolist() if over[p]]
         self._vectors.step(buffer.which, frames, self._out)
         self.state = self._state()
 
@@ -286,7 +247,7 @@ class Conditioner:
             estimator, own = self.estimators[p], self.layout.taxels[p]
             if estimator.health.constant:
                 before = estimator.health.state.copy()
-                estimator.health.revive(self._memory.statistics[CHANGES, own] > 0.0)
+                estimator.health.revive(self._memory.statistics.changes[own] > 0.0)
                 if not np.array_equal(before, estimator.health.state):
                     estimator.write_health(own, self.estimates)
                     self._mask()
@@ -295,32 +256,27 @@ class Conditioner:
     def _count_repeats(self, p: int) -> None:
         """Adds those frames of the patch with index `p` to the statistics that equal the previous frame and
         were therefore only counted so far."""
-        memory, begin, own = self._memory, self.layout.arrays.begin, self.layout.taxels[p]
-        blocks = memory.blocks[begin[p, BLOCK] : begin[p + 1, BLOCK]]
-        repeats = blocks[:, REPEATS] + max(int(memory.patches[p, CONSTANT]), 0)
-        if not np.count_nonzero(repeats):  # `any` takes ten times as long
-            return
-        times = np.repeat(repeats, BLOCK_SIZE)[: own.stop - own.start]
-        memory.statistics[TOTAL, own] += times.astype(np.float32) * memory.statistics[SIGNAL, own]
-        blocks[:, REPEATS] = 0
-        memory.patches[p, CONSTANT] = min(memory.patches[p, CONSTANT], 0.0)
+        state, own = self._memory.patches[p], self.layout.taxels[p]
+        if state["repeats"] > 0:
+            statistics = self._memory.statistics
+            statistics.total[own] += np.float32(state["repeats"]) * statistics.signal[own]
+            state["repeats"] = 0
 
     def _note_anew(self, p: int) -> None:
         """Ensures that the next frame of the patch with index `p` is processed in full, even if its values
         equal those of the previous frame."""
         self._count_repeats(p)
-        begin = self.layout.arrays.begin
-        self._memory.blocks[begin[p, BLOCK] : begin[p + 1, BLOCK], REPEATED] = 0
-        self._memory.patches[p, CONSTANT] = -1.0
+        self._memory.patches[p]["repeats"] = -1
 
     def _restart(self, p: int) -> None:
         """Begins a new estimation window for the patch with index `p`. At the end of each window, rest values
         and noise are updated."""
         self._note_anew(p)
-        own, status = self.layout.taxels[p], self._memory.patches[p]
-        self._memory.statistics[TOTAL:, own] = 0.0
-        status[IN_WINDOW] = status[DIFFERENCES] = status[ELAPSED] = 0.0
-        status[DUE] = self.settings.baseline.window * (1.0 + self._stagger[p])
+        own, state, statistics = self.layout.taxels[p], self._memory.patches[p], self._memory.statistics
+        for window in (statistics.total, statistics.peak, statistics.second_difference, statistics.changes):
+            window[own] = 0.0
+        state["in_window"] = state["differences"] = state["elapsed"] = 0
+        state["due"] = self.settings.baseline.window * (1.0 + self._stagger[p])
         self._stagger[p] = 0.0
         self.estimators[p].write(own, self.estimates)
         self._mask()

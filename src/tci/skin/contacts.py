@@ -21,9 +21,17 @@ from tci.robot.kernels.weighted_force import mean_force
 from tci.robot.limb import generic_limb_point
 from tci.skin.estimation import SATURATED
 from tci.skin.isolated import IsolatedSettings
-from tci.skin.kernels.arrays import ActiveTaxels, Clusters, ContactArrays, Estimates, Limits
+from tci.skin.kernels.arrays import (
+    WAITING,
+    ActiveTaxels,
+    Clusters,
+    ContactArrays,
+    Estimates,
+    Limits,
+    Records,
+)
 from tci.skin.kernels.contacts import SUMMARY, cluster, describe
-from tci.skin.kernels.isolated import WAITING, reject_isolated
+from tci.skin.kernels.isolated import reject_isolated
 from tci.skin.layout import AXES, SkinLayout
 from tci.skin.tracking import Tracker
 from tci.support.compiled import entry
@@ -72,7 +80,7 @@ class ContactFinder:
         self.layout, self.settings = layout, settings
         self._tracker, self._limits = Tracker(), settings.limits
         self._parts = {site.part for site in layout.sites}
-        taxels, patches = len(layout.arrays.taxel), len(layout.sites)
+        taxels, patches = len(layout.arrays.taxels), len(layout.sites)
         self._clusters = Clusters(
             force=np.zeros(taxels),
             label=np.zeros(taxels, np.int32),
@@ -84,9 +92,9 @@ class ContactFinder:
         )
         self.contacts = _NONE
         """Contacts in the latest state."""
-        self._waiting: Array = np.zeros((0, WAITING))
+        self._waiting: Records = np.zeros(0, WAITING)
         if settings.isolated is not None:
-            waits = settings.isolated.waits(layout.arrays.rate)
+            waits = settings.isolated.waits(layout.arrays.patches["rate"])
             ends = [float(one.response(np.array(SATURATED * one.full))) for one in layout.patches]
             self._rules = np.array([waits, ends])
 
@@ -106,7 +114,7 @@ class ContactFinder:
         count = single = 0
         if len(state.active):
             count, taxels, single = _cluster(active, self._limits, estimates.onset, layout.arrays, clusters)
-        waiting: Array = self._waiting[:0]
+        waiting: Records = self._waiting[:0]
         if single and settings.isolated is not None:
             count, taxels, waiting = self._reject(active, estimates, settings.isolated, single)
         self._waiting = waiting
@@ -115,7 +123,7 @@ class ContactFinder:
             return self.contacts
         angles, links = self._angles(posture), poses()
         made = ContactArrays.empty(count, taxels)
-        room = np.empty((count, SUMMARY))
+        room = np.empty(count, SUMMARY)
         _describe(layout.arrays, estimates.hidden, clusters, links, angles, room, made)
         if state.vector is not None:
             self._turn(made, state, state.vector, links)
@@ -125,17 +133,17 @@ class ContactFinder:
 
     def _reject(
         self, active: ActiveTaxels, estimates: Estimates, settings: IsolatedSettings, single: int
-    ) -> tuple[int, int, Array]:
+    ) -> tuple[int, int, Records]:
         """Removes each cluster that consists of a single taxel and does not count as a touch.
 
         `single` is the number of clusters with a single taxel. Returns the number of remaining clusters, the
-        number of their taxels, and a table (w, 5) for the next frame: the history of each taxel that is
-        pressed alone on a dense skin.
+        number of their taxels, and for the next frame the history (w,) of each taxel that is pressed alone on
+        a dense skin, as records of type `WAITING`.
         """
         arrays, before = self.layout.arrays, self.contacts
-        starts = arrays.begin[before.site, 0]
+        starts = self.layout.starts[before.site]
         touched = before.taxel + np.repeat(starts, np.diff(before.begin))
-        fresh = np.empty((single, WAITING))
+        fresh = np.empty(single, WAITING)
         count, taxels, waits = _reject_isolated(
             active, arrays, estimates, self._clusters, settings.reach, self.settings.floor,
             self._rules, touched, self._waiting, fresh,
@@ -163,7 +171,7 @@ class ContactFinder:
                 own_taxels = slice(*made.begin[row : row + 2].tolist())
                 own_vectors = vectors[own][np.searchsorted(state.active[own], taxels["taxel"][own_taxels])]
                 sums = own_vectors.sum(axis=0) * rows["force"][row] / taxels["taxel_force"][own_taxels].sum()
-                rows["f_T"][row] = poses[self.layout.arrays.on[p, 0]][:3, :3] @ sums
+                rows["f_T"][row] = poses[self.layout.arrays.patches["link"][p]][:3, :3] @ sums
 
 
 def _limb_angles(parts: Sequence[str], posture: Mapping[str, Array]) -> Array:
@@ -202,8 +210,8 @@ def describe_touches(
     )  # fmt: skip
     made = ContactArrays.empty(count, count)
     angles = _limb_angles(layout.parts, posture)
-    whole = np.zeros(len(layout.arrays.taxel))
-    _describe(layout.arrays, whole, clusters, poses, angles, np.empty((count, SUMMARY)), made)
+    whole = np.zeros(len(layout.arrays.taxels))
+    _describe(layout.arrays, whole, clusters, poses, angles, np.empty(count, SUMMARY), made)
     return made
 
 

@@ -12,16 +12,8 @@ from tci.robot.description import SOLE
 from tci.skin.baseline import Baseline, BaselineSettings
 from tci.skin.fill_factor import is_surface
 from tci.skin.health import Health, HealthSettings, TaxelHealth
-from tci.skin.kernels.arrays import Estimates, Single
+from tci.skin.kernels.arrays import Estimates, Records, Statistics
 from tci.skin.kernels.baseline import Window
-from tci.skin.kernels.condition import (
-    CHANGES,
-    DIFFERENCES,
-    ELAPSED,
-    IN_WINDOW,
-    SIGNAL,
-    TOTAL,
-)
 from tci.skin.layout import SkinPatch
 
 SATURATED = 0.9
@@ -60,16 +52,16 @@ class PatchEstimator:
         self._raised = 0.0
         self._half: tuple[Window, Array, NDArray[np.bool_]] | None = None
 
-    def update(self, statistics: Single, status: Array) -> bool:
+    def update(self, statistics: Statistics, state: Records) -> bool:
         """Does half of the work that follows the end of an estimation window.
 
         The first call updates rest values and noise, the second call health. Returns True after the second
         call. The work is divided into halves because a whole update would be the longest computation in a
-        period of a loop at 1 kHz. `statistics` (ROWS, n) of the n taxels and `status` (PATCH_COLUMNS,) of the
-        patch describe the window; `kernels.condition` computes both.
+        period of a loop at 1 kHz. `statistics` of the patch's taxels and its `state` (a
+        record of type `STATE`) describe the window.
         """
         if self._half is None:
-            self._half = self._estimate(statistics, status)
+            self._half = self._estimate(statistics, state)
             return False
         (window, before, raised), self._half = self._half, None
         self.health.judge(window, self.baseline, before)
@@ -77,9 +69,9 @@ class PatchEstimator:
             self.rezero(statistics)
         return True
 
-    def rezero(self, statistics: Single) -> None:
+    def rezero(self, statistics: Statistics) -> None:
         """Uses the present readings as rest values."""
-        self.baseline.rezero(statistics[SIGNAL].astype(np.float64))
+        self.baseline.rezero(statistics.signal.astype(np.float64))
 
     def write(self, taxels: slice, estimates: Estimates) -> None:
         """Writes the estimates for the compiled loop, in single precision, which is exact for whole counts
@@ -114,19 +106,19 @@ class PatchEstimator:
         state = self.health.state
         return MappingProxyType({int(i): Health(state[i]).name.lower() for i in np.flatnonzero(state)})
 
-    def _estimate(self, statistics: Single, status: Array) -> tuple[Window, Array, NDArray[np.bool_]]:
+    def _estimate(self, statistics: Statistics, state: Records) -> tuple[Window, Array, NDArray[np.bool_]]:
         """Updates rest values and noise from the statistics of one estimation window.
 
         Returns these statistics as a `Window`, the rest values (n,) before the update, and an array (n,) that
         is True for taxels whose mean signal was above their threshold.
         """
-        total, peak, difference, changes = statistics[TOTAL : CHANGES + 1].astype(float)
+        frames = state["in_window"]
         window = Window(
-            elapsed=float(status[ELAPSED]),
-            mean=total / status[IN_WINDOW],
-            peak=peak,
-            second_difference=difference / max(status[DIFFERENCES], 1.0),
-            changes=changes / status[IN_WINDOW],
+            elapsed=float(state["elapsed"]),
+            mean=statistics.total.astype(float) / frames,
+            peak=statistics.peak.astype(float),
+            second_difference=statistics.second_difference.astype(float) / max(state["differences"], 1),
+            changes=statistics.changes.astype(float) / frames,
         )
         before = self.baseline.offset.copy()
         raised = window.mean - before > self.baseline.threshold

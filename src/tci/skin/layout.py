@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -28,7 +27,7 @@ from tci.robot.skin_files.calibration import (
     calibration_path,
 )
 from tci.skin.fill_factor import WIDTHS, fill_factors
-from tci.skin.kernels.arrays import BLOCK_SIZE, CHANNEL, TAXEL, Indices, LayoutArrays, Places
+from tci.skin.kernels.arrays import PATCH, TAXEL, Indices, LayoutArrays, Places, Records
 from tci.skin.surfaces import Surface, surfaces_of
 
 AXES = 3
@@ -158,15 +157,7 @@ class SkinLayout:
             dict.fromkeys(link for one in patches for link in (one.description.link, _limb_link(one)))
         )
         parts = tuple(dict.fromkeys(one.description.part for one in patches if one.segment is not None))
-        on = [
-            (
-                links.index(one.description.link),
-                links.index(_limb_link(one)),
-                0 if one.segment is None else parts.index(one.description.part),
-            )
-            for one in patches
-        ]
-        arrays = _arrays(patches, np.array(on, np.int64).reshape(-1, 3))
+        arrays = _arrays(patches, links, parts)
         descriptions = [one.description for one in patches]
         return SkinLayout(
             patches=patches,
@@ -175,9 +166,9 @@ class SkinLayout:
             links=links,
             parts=parts,
             segments=frozen(np.array([_segment(one.segment) for one in descriptions], np.int64)),
-            taxels=_slices(arrays.begin[:, TAXEL]),
-            channels=_slices(arrays.begin[:, CHANNEL]),
-            starts=read_only(arrays.begin[:, TAXEL], np.int64),
+            taxels=_slices(arrays.patches, "taxel"),
+            channels=_slices(arrays.patches, "channel"),
+            starts=read_only([*arrays.patches["taxel"], len(arrays.taxels)], np.int64),
             dtype=_dtype([one.sensor for one in descriptions]),
             arrays=arrays,
         )
@@ -212,45 +203,48 @@ def adjacency(count: int, pairs: NDArray[np.intp]) -> Indices:
     return np.concatenate([starts, other[np.lexsort((other, one))]]).astype(np.int32)
 
 
-def _arrays(patches: Sequence[SkinPatch], on: Places) -> LayoutArrays:
+def _arrays(patches: Sequence[SkinPatch], links: Sequence[str], parts: Sequence[str]) -> LayoutArrays:
     surfaces = [one.surface for one in patches]
-    grids = [_grid(surface) for surface in surfaces]
-    counts = [
-        (
-            len(surface.areas),
-            one.description.channels,
-            -(-len(surface.areas) // BLOCK_SIZE),
-            len(grid[1]) - 1,
-            one.nodes.shape[1],
-        )
-        for one, surface, grid in zip(patches, surfaces, grids, strict=True)
-    ]
-    begin = np.concatenate([np.zeros((1, 5), np.int64), np.cumsum(np.reshape(counts, (-1, 5)), axis=0)])
-    starts = begin[:-1, TAXEL]
-    neighbours = [surface.neighbours + start for surface, start in zip(surfaces, starts, strict=True)]
-    faces = [surface.faces.reshape(-1, 3) + start for surface, start in zip(surfaces, starts, strict=True)]
-    firsts = np.cumsum([0, *(len(one) for one in faces)])
-    entries = [one[2] + first for one, first in zip(grids, firsts[:-1], strict=True)]
-    cells = np.cumsum([0, *_joined([np.diff(one[1]) for one in grids], 0)])
-    channels = [one.channels + start for one, start in zip(patches, begin[:-1, CHANNEL], strict=True)]
+    taxels = np.zeros(sum(len(one.areas) for one in surfaces), TAXEL)
+    records = np.zeros(len(patches), PATCH)
+    channels, neighbours, faces, sizes, entries = ([np.zeros(0, np.int64)] for _ in range(5))
+    taxel = channel = node = cell = face = 0
+    for record, one in zip(records, patches, strict=True):
+        surface, sensor, nodes = one.surface, one.description.sensor, one.nodes.shape[1]
+        count, width = len(surface.areas), one.description.channels
+        own = taxels[taxel : taxel + count]
+        own["position"], own["normal"], own["area"] = surface.positions, surface.normals, surface.areas
+        corner, scale, shape, starts, found = _grid(surface)
+        for name, value in {
+            "taxel": taxel, "taxel_end": taxel + count, "channel": channel, "channel_end": channel + width,
+            "node": node, "node_end": node + nodes, "cell": cell,
+            "lowest": sensor.lowest, "highest": sensor.highest, "rest": sensor.rest,
+            "sign": np.sign(sensor.pascal_per_count), "full": one.full, "rate": one.description.rate,
+            "corner": corner, "cells_per_metre": scale, "cells": shape,
+            "link": links.index(one.description.link), "limb_link": links.index(_limb_link(one)),
+        }.items():  # fmt: skip
+            record[name] = value
+        if one.segment is not None:
+            record["limb"] = limb_numbers(one.part, one.segment)
+            record["part"] = parts.index(one.description.part)
+        channels.append(one.channels + channel)
+        neighbours.append((surface.neighbours + taxel).ravel())
+        faces.append((surface.faces + taxel).ravel())
+        sizes.append(np.diff(starts))
+        entries.append(found + face)
+        taxel, channel, node = taxel + count, channel + width, node + nodes
+        cell, face = cell + len(starts) - 1, face + len(surface.faces)
+    cells = np.cumsum([0, *np.concatenate(sizes)])
     made = LayoutArrays(
-        begin=begin.astype(np.int64),
-        sensor=np.array([_sensor(one) for one in patches], np.float32).reshape(-1, 5),
-        rate=np.array([one.description.rate for one in patches], np.float64),
-        channel=_joined(channels, 0).astype(np.int64),
-        span=np.array([span for own in channels for span in _spans(own)], np.int64).reshape(-1, 3),
-        gain=_joined([one.gain for one in patches], 0),
+        patches=records,
+        taxels=taxels,
+        channel=np.concatenate(channels).astype(np.int64),
+        gain=np.concatenate([np.zeros(0), *(one.gain for one in patches)]),
         nodes=np.concatenate([np.zeros((2, 0)), *(one.nodes for one in patches)], axis=1),
-        taxel=_joined([np.column_stack([s.positions, s.normals, s.areas]) for s in surfaces], (0, 7)),
-        fill=_joined([_fill(one) for one in patches], (0, len(WIDTHS))),
-        graph=adjacency(int(begin[-1, TAXEL]), _joined(neighbours, (0, 2)).astype(np.intp)),
-        faces=_joined(faces, (0, 3)).astype(np.int32),
-        box=np.array([one[0] for one in grids], np.float64).reshape(-1, 7),
-        cells=np.concatenate([cells + len(cells), _joined(entries, 0)]).astype(np.int32),
-        limb=np.array(
-            [np.zeros(15) if p.segment is None else limb_numbers(p.part, p.segment) for p in patches]
-        ).reshape(-1, 15),
-        on=on,
+        fill=np.concatenate([np.zeros((0, len(WIDTHS))), *map(_fill, patches)]),
+        graph=adjacency(taxel, np.concatenate(neighbours).reshape(-1, 2).astype(np.intp)),
+        faces=np.concatenate(faces).reshape(-1, 3).astype(np.int32),
+        cells=np.concatenate([cells + len(cells), *entries]).astype(np.int32),
     )
     return LayoutArrays(*(frozen(np.ascontiguousarray(array)) for array in made))
 
@@ -265,13 +259,9 @@ def _fill(one: SkinPatch) -> Array:
     return fill_factors(one.surface)
 
 
-def _joined(arrays: Sequence[NDArray[Any]], shape: int | tuple[int, ...]) -> NDArray[Any]:
-    """Concatenates arrays. Without arrays, returns an empty array of `shape`."""
-    return np.concatenate(arrays) if len(arrays) else np.zeros(shape)
-
-
-def _slices(bounds: Places) -> tuple[slice, ...]:
-    return tuple(slice(begin, end) for begin, end in pairwise(bounds.tolist()))
+def _slices(patches: Records, name: str) -> tuple[slice, ...]:
+    bounds = zip(patches[name].tolist(), patches[name + "_end"].tolist(), strict=True)
+    return tuple(slice(begin, end) for begin, end in bounds)
 
 
 def _limb_link(one: SkinPatch) -> str:
@@ -287,32 +277,14 @@ def _dtype(sensors: Sequence[Sensor]) -> np.dtype[Any]:
     return np.dtype(np.uint8 if octets else np.float32)
 
 
-def _sensor(patch: SkinPatch) -> tuple[float, float, float, float, float]:
-    """Returns the properties of a patch's sensor: lowest and highest raw value, rest value, polarity (-1 if
-    pressure decreases the raw values, else 1), and largest deviation [counts]."""
-    one = patch.description.sensor
-    return one.lowest, one.highest, one.rest, float(np.sign(one.pascal_per_count)), patch.full
-
-
-def _spans(channels: NDArray[np.intp]) -> list[tuple[int, int, bool]]:
-    """Returns for each block of up to 64 taxels of a patch: smallest channel, largest channel + 1, and True
-    if the channels of successive taxels are consecutive."""
-    blocks = [channels[first : first + BLOCK_SIZE] for first in range(0, len(channels), BLOCK_SIZE)]
-    return [
-        (int(own.min()), int(own.max()) + 1, np.array_equal(own, own[0] + np.arange(len(own))))
-        for own in blocks
-    ]
-
-
-def _grid(surface: Surface) -> tuple[Array, Places, Places]:
-    """Returns a grid of cells around a surface, which makes the search of the nearest face fast.
-
-    The result consists of three arrays: lowest corner [m], cells per metre, and number of cells along x, y
-    and z (7,); the place (cells + 1,) in the third array at which each cell's faces begin; and the indices of
-    the faces, cell by cell.
+def _grid(surface: Surface) -> tuple[Array, float, Places, Places, Places]:
+    """Returns a grid of cells around a surface, which makes the search of the nearest face fast: its lowest
+    corner (3,) [m], cells per metre, and number of cells (3,) along x, y and z; the place (cells + 1,) in the
+    last array at which each cell's faces begin; and the indices of the faces, cell by cell.
     """
     if not len(surface.faces):
-        return np.zeros(7), np.zeros(1, np.int64), np.zeros(0, np.int64)
+        none = np.zeros(0, np.int64)
+        return np.zeros(3), 0.0, np.zeros(3, np.int64), np.zeros(1, np.int64), none
     corners = surface.positions[surface.faces]
     low, high = surface.positions.min(axis=0), surface.positions.max(axis=0)
     # A cell is about as wide as a face's longest edge.
@@ -333,4 +305,4 @@ def _grid(surface: Surface) -> tuple[Array, Places, Places]:
     x, y, z = first[face].T + np.array([step // (wide * deep), step // deep % wide, step % deep])
     cell = (x * cells[1] + y) * cells[2] + z
     starts = np.concatenate([[0], np.cumsum(np.bincount(cell, minlength=int(cells.prod())))])
-    return np.concatenate([low, [scale], shape]), starts, face[np.argsort(cell, kind="stable")]
+    return low, scale, cells, starts, face[np.argsort(cell, kind="stable")]

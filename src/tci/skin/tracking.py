@@ -9,7 +9,7 @@ import numpy as np
 from tci.errors import TciError
 from tci.messages.frames import Array
 from tci.skin.kernels.arrays import ContactArrays
-from tci.skin.kernels.track import TRACK, track
+from tci.skin.kernels.track import MATCH, TRACK, track
 from tci.support.compiled import entry
 
 _track = entry(track)
@@ -39,7 +39,7 @@ class Tracker:
 
     def __init__(self, settings: TrackSettings = TrackSettings()) -> None:
         self.settings = settings
-        self._tracks = np.zeros((0, TRACK))
+        self._tracks = np.zeros(0, TRACK)
         self._next = 1
 
     def follow(self, contacts: ContactArrays, stamps: Array) -> None:
@@ -49,8 +49,8 @@ class Tracker:
         frame before, at a distance of at most `reach`; the nearest pairs are matched first. Contacts without
         a match are new.
         """
-        tracks = np.empty((len(self._tracks) + len(contacts.rows), TRACK))
-        best = np.empty((len(contacts.rows), 3))
+        tracks = np.empty(len(self._tracks) + len(contacts.rows), TRACK)
+        best = np.empty(len(contacts.rows), MATCH)
         self._next, used = _track(
             self._tracks,
             stamps,

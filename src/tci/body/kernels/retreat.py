@@ -172,11 +172,12 @@ def _gap(point: Vector, p: int, layout: LayoutArrays, radius: float, found: Arra
     For a point that is surely farther away than `radius` [m], a lower bound on the distance is returned
     instead.
     """
-    box = layout.box[p]
-    if box[4] > 0.0:
+    patch = layout.patches[p]
+    if patch.cells[0] > 0:
         square = 0.0
         for i in range(3):
-            outside = max(box[i] - point[i], point[i] - box[i] - box[4 + i] / box[3], 0.0)
+            low, size = patch.corner[i], patch.cells[i] / patch.cells_per_metre
+            outside = max(low - point[i], point[i] - low - size, 0.0)
             square += outside * outside
         if square > radius * radius:
             bound: float = np.sqrt(square)

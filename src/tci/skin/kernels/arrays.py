@@ -1,5 +1,5 @@
 """Arrays that the compiled loops of perception share: properties of taxels, estimates, statistics, clusters
-and contacts."""
+and contacts. Data with one record per patch, taxel or contact is in structured arrays."""
 
 from __future__ import annotations
 
@@ -17,56 +17,87 @@ from tci.support.compiled import reads, record, writes
 Indices = NDArray[np.int32]
 Places = NDArray[np.int64]
 Single = NDArray[np.float32]
+Records = Any
+"""Structured array (`NDArray[np.void]`). In compiled loops, the fields of a record are its attributes."""
 
-TAXEL, CHANNEL, BLOCK, CELL, NODE = range(5)
-"""Columns of `LayoutArrays.begin`, which contains the index of each patch's first element in arrays of the
-whole skin. The elements are taxels, channels, blocks of up to 64 taxels, cells of the grid for the search of
-faces, and points of response curves."""
-LOWEST, HIGHEST, REST, SIGN, FULL = range(5)
-"""Columns of `LayoutArrays.sensor`, with a row for each patch's sensor: lowest raw value, highest raw value,
-rest value, polarity (-1 if pressure decreases the raw values, else 1), and largest deviation [counts]."""
-FIRST, END, STRAIGHT = range(3)
-"""Columns of `LayoutArrays.span`, with a row for each block of up to 64 taxels of a patch: smallest channel,
-largest channel + 1, and 1 if the channels of successive taxels are consecutive, otherwise 0."""
-AREA = 6
-"""Column of `LayoutArrays.taxel` with the area [m2] of each taxel. The columns before contain position and
-normal."""
-LINK, LIMB_LINK, POSTURE = range(3)
-"""Columns of `LayoutArrays.on`, with a row of indices for each patch: link of the patch, link of the patch's
-limb segment, and row of the patch's part in a table of the parts' angles."""
-BLOCK_SIZE = 64
-"""Largest number of taxels in a block, which is a group of successive taxels that are processed together. A
-block whose raw values equal those of the previous frame is not computed again."""
+
+PATCH = np.dtype(
+    [
+        # Index of the first taxel and of the first channel within the whole skin, and the index after the
+        # last one.
+        ("taxel", np.int64), ("taxel_end", np.int64), ("channel", np.int64), ("channel_end", np.int64),
+        # Points of the patch's response curve: columns of `LayoutArrays.nodes`.
+        ("node", np.int64), ("node_end", np.int64),
+        # Sensor: lowest, highest and rest value, polarity (-1 if pressure decreases the raw values, else 1),
+        # largest deviation [counts], frames per second [Hz].
+        ("lowest", np.float32), ("highest", np.float32), ("rest", np.float32), ("sign", np.float32),
+        ("full", np.float32), ("rate", np.float64),
+        # Grid of cells around the surface, for a fast search of faces: corner [m] with the least coordinates,
+        # cells per metre, cells along x, y and z (0 for a patch without faces), index of the first cell.
+        ("corner", np.float64, (3,)), ("cells_per_metre", np.float64), ("cells", np.int64, (3,)),
+        ("cell", np.int64),
+        # Limb segment as `limb_numbers` gives it; zeros for a patch that is on no limb segment.
+        ("limb", np.float64, (15,)),
+        # Link of the patch, link of its limb segment, and row of its part in a table of the parts' angles.
+        ("link", np.int64), ("limb_link", np.int64), ("part", np.int64),
+    ],
+    align=True,
+)  # fmt: skip
+"""Constant properties of one patch."""
+TAXEL = np.dtype(
+    [("position", np.float64, (3,)), ("normal", np.float64, (3,)), ("area", np.float64)], align=True
+)
+"""Position [m], outward normal and area [m2] of one taxel, in the frame of the patch's link."""
+STATE = np.dtype(
+    [
+        # Times [s] of the latest frame, and since the estimation window began.
+        ("stamp", np.float64), ("elapsed", np.float64),
+        # Number of frames so far, counted up to 2.
+        ("frames", np.int64),
+        # Number of frames, and of second differences of the signals, in the estimation window.
+        ("in_window", np.int64), ("differences", np.int64),
+        # The window ends as soon as it has this length [s] and this number of frames.
+        ("due", np.float64), ("least", np.float64),
+        # Number of latest frames that equal the frame before and are not yet in the statistics; -1 if the
+        # next frame must be processed even if it is equal.
+        ("repeats", np.int64),
+        # Number of values so far that were outside the sensor's range, and of taxels saturated now.
+        ("dropped", np.int64), ("saturated", np.int64),
+        # Number of active taxels.
+        ("active", np.int64),
+    ],
+    align=True,
+)  # fmt: skip
+"""State of one patch in conditioning."""
+WAITING = np.dtype(
+    [
+        ("taxel", np.int64), ("since", np.float64), ("force", np.float64), ("changes", np.int64),
+        ("is_last", np.bool_),
+    ],
+    align=True,
+)  # fmt: skip
+"""History of an isolated taxel, which is pressed without its neighbours: its index within the whole skin, the
+time [s] since which it is active alone, the force [N] on it, how often this force has changed since then, and
+True if it is the last pressed taxel of a contact whose other taxels have been released."""
 
 
 class LayoutArrays(NamedTuple):
     """Constant properties of all n taxels and p patches of a robot. The taxels are in the order of their
     patches."""
 
-    begin: Places
-    """Indices (p + 1, 5) of each patch's first element in arrays of the whole skin. The columns are for
-    taxels, channels, blocks of up to 64 taxels, grid cells, and points of response curves. The last row
-    contains the totals."""
-    sensor: Single
-    """Properties (p, 5) of each patch's sensor: lowest raw value, highest raw value, rest value, polarity (-1
-    if pressure decreases the raw values, else 1), and largest deviation [counts]."""
-    rate: Array
-    """Number of frames per second (p,) [Hz] that each patch sends."""
+    patches: Records
+    """Records (p,) of type `PATCH`."""
+    taxels: Records
+    """Records (n,) of type `TAXEL`."""
     channel: Places
-    """Index (n,) of each taxel's value among the raw values of all patches. For three-axis taxels this is the
-    value along the normal."""
-    span: Places
-    """Channels (b, 3) of each block of up to 64 taxels of a patch: smallest channel, largest channel + 1, and
-    1 if the channels of successive taxels are consecutive, otherwise 0."""
+    """Number of each taxel's value (n,) among the raw values of all patches. For three-axis taxels this is
+    the value along the normal."""
     gain: Array
     """Pressure per count (n,) [Pa] of each taxel. For a patch with a response curve: factor by which the
     pressure on this curve is multiplied."""
     nodes: Array
     """Points (2, m) of the response curves of all patches: deviations [counts] in the first row, pressures
     [Pa] in the second. Between two points a curve is linear."""
-    taxel: Array
-    """Rows (n, 7) with position (3,) [m], outward normal (3,) and area [m2] of each taxel, in the frame of
-    the patch's link."""
     fill: Array
     """Fill factor (n, w) around each taxel, averaged over areas of w increasing widths
     (`fill_factor.WIDTHS`)."""
@@ -76,21 +107,9 @@ class LayoutArrays(NamedTuple):
     """
     faces: Indices
     """Triangles (f, 3) between the taxels of each patch, as indices of taxels within the whole skin."""
-    box: Array
-    """Grid of cells (p, 7) around each patch's surface, for a fast search of faces: the corner (3,) [m] with
-    the lowest coordinates, the number of cells per metre, and the number of cells along x, y and z. Zeros for
-    a patch without faces."""
     cells: Indices
     """Indices of the faces in each grid cell, one cell after another. The first entries (number of cells + 1)
     are places in this array, at which the faces of each cell begin."""
-    limb: Array
-    """Properties (p, 15) of each patch's limb segment: rotation matrix of the mount in the torso frame (9
-    numbers), origin (3 numbers) [m] in the segment's link, length [m], side (+1 left, -1 right), and index of
-    the segment. Zeros for a patch that is on no limb segment.
-    """
-    on: Places
-    """Indices (p, 3) for each patch: its link, the link of its limb segment, and the row of its part in a
-    table of the parts' angles."""
 
 
 class Estimates(NamedTuple):
@@ -114,34 +133,62 @@ class Estimates(NamedTuple):
     """Pressure [Pa] below which the edge of a touch is not measured. The value is 0 for taxels on which a
     touch has no gradual edge, such as switches and the taxels of a palm or a sole."""
 
+    @classmethod
+    def initial(cls, n: int) -> Estimates:
+        return cls(
+            offset=np.zeros(n, np.float32),
+            threshold=np.zeros(n, np.float32),
+            muted=np.zeros(n, np.bool_),
+            least=np.zeros(n),
+            fluctuating=np.zeros(n, np.bool_),
+            onset=np.full(n, np.inf),
+            hidden=np.zeros(n),
+        )
+
+
+class Statistics(NamedTuple):
+    """Statistics of each taxel's signal (n,) [counts]. Those after `before` refer to the estimation
+    window."""
+
+    signal: Single
+    """Latest signal."""
+    before: Single
+    """Signal before the latest one."""
+    total: Single
+    """Sum of the signals."""
+    peak: Single
+    """Largest absolute deviation from the rest value."""
+    second_difference: Single
+    """Sum of the absolute second differences of the signal."""
+    changes: Single
+    """Number of changes of the signal."""
+
+    def of(self, taxels: slice) -> Statistics:
+        return Statistics(*(array[taxels] for array in self))
+
 
 class SkinMemory(NamedTuple):
-    """Data that conditioning keeps from frame to frame: statistics of the signals, filtered pressures and
-    active taxels."""
+    """Data that conditioning keeps from frame to frame."""
 
-    statistics: Single
-    """Statistics (6, n) with a column for each taxel. The first two rows are the latest signal [counts] and
-    the signal before. The other rows refer to the estimation window: sum of the signals, largest absolute
-    deviation from the rest value, sum of the absolute second differences of the signal, and number of changes
-    of the signal."""
-    blocks: Indices
-    """Table (b, 4) with a row for each block of up to 64 taxels: number of repeated frames that are not yet
-    in the statistics, 1 if another equal frame would only be counted, 1 if any taxel is active, and number of
-    saturated taxels."""
-    patches: Array
-    """State (p, 9) of each patch, for example the time of its latest frame and the length of its estimation
-    window. The constants from `STAMP` to `LEAST` in `kernels.condition` are the columns."""
+    statistics: Statistics
+    patches: Records
+    """Records (p,) of type `STATE`."""
     smoothed: Array
     """Filtered pressure (n,) [Pa] of the previous frame. The shape is (0,) if pressures are not filtered."""
     room: Single
-    """Work space (64,) for one number per taxel of a block."""
-    counts: Places
-    """Number of active taxels (p,) of each patch."""
+    """Work space (n,)."""
     active: Indices
     """Active taxels of each patch, as indices within the patch. In this array (n,), the list of a patch
-    begins at the index of the patch's first taxel within the whole skin, and has the length `counts`."""
+    begins at the index of the patch's first taxel within the whole skin."""
     pressure: Array
     """Pressures (n,) [Pa] of the active taxels, in the order of `active`."""
+
+    @classmethod
+    def initial(cls, patches: int, n: int, *, smooth: bool) -> SkinMemory:
+        return cls(
+            Statistics(*(np.zeros(n, np.float32) for _ in Statistics._fields)), np.zeros(patches, STATE),
+            np.zeros(n if smooth else 0), np.zeros(n, np.float32), np.zeros(n, np.int32), np.zeros(n),
+        )  # fmt: skip
 
 
 class ActiveTaxels(NamedTuple):
@@ -190,12 +237,12 @@ class Clusters(NamedTuple):
 class ContactArrays(NamedTuple):
     """Contacts of one frame, in the form that the compiled loops write."""
 
-    rows: Any
+    rows: Records
     """Records (c,) of type `CONTACT`."""
     begin: Places
     """Place (c + 1,) in `taxels` at which each contact's taxels begin; the last element is their number."""
-    taxels: Any
-    """Records (k,) of type `TAXEL`."""
+    taxels: Records
+    """Pressed taxels (k,): records of type `tci.messages.contacts.TAXEL`."""
 
     @classmethod
     def empty(cls, count: int, taxels: int) -> ContactArrays:
@@ -204,17 +251,16 @@ class ContactArrays(NamedTuple):
 
 
 LAYOUT = record(
-    LayoutArrays, reads(2, int64), reads(2, float32), reads(1), reads(1, int64), reads(2, int64), reads(1),
-    reads(2), reads(2), reads(2), reads(1, int32), reads(2, int32), reads(2), reads(1, int32), reads(2),
-    reads(2, int64),
+    LayoutArrays, reads(1, from_dtype(PATCH)), reads(1, from_dtype(TAXEL)), reads(1, int64), reads(1),
+    reads(2), reads(2), reads(1, int32), reads(2, int32), reads(1, int32),
 )  # fmt: skip
 ESTIMATES = record(
     Estimates, writes(1, float32), writes(1, float32), writes(1, boolean), writes(1), writes(1, boolean),
     writes(1), writes(1),
 )  # fmt: skip
 MEMORY = record(
-    SkinMemory, writes(2, float32), writes(2, int32), writes(2), writes(1), writes(1, float32),
-    writes(1, int64), writes(1, int32), writes(1),
+    SkinMemory, record(Statistics, *[writes(1, float32)] * len(Statistics._fields)),
+    writes(1, from_dtype(STATE)), writes(1), writes(1, float32), writes(1, int32), writes(1),
 )  # fmt: skip
 ROOM = record(ActiveTaxels, writes(1), writes(1, int64), writes(1, int32), writes(1))
 ACTIVE = record(ActiveTaxels, reads(1), reads(1, int64), reads(1, int32), reads(1))

@@ -12,19 +12,6 @@ from numpy.typing import NDArray
 from tci.messages.frames import Array
 from tci.support.compiled import compiled, inlined, reads, record, writes
 
-THRESHOLD, LEAST, FLUCTUATING, SHARE, LIVELY, TYPICAL, DRIFT, FLOOR, OWN, RELEASE, NOISE = range(11)
-"""Indices of the settings (11,) with which `update_baseline` updates rest values and noise after an
-estimation window:
-
-- `THRESHOLD` [standard deviations of the noise], `LEAST` [counts]: a taxel is quiet if its largest deviation
-  is below the larger of these limits.
-- `FLUCTUATING`: a taxel whose value changes in at least this fraction of the frames fluctuates.
-- `SHARE`: least fraction of quiet taxels from which the common drift of all taxels is estimated.
-- `LIVELY`: noise [counts] from which a healthy taxel never stays constant for a whole window.
-- `TYPICAL`, `DRIFT`, `FLOOR` [counts]: typical noise of the patch before this window, largest common drift
-  during this window, and lowest signal that the sensor can send.
-- `OWN`, `RELEASE`, `NOISE`: weights (0 to 1) of this window in three estimates: the rest value of a quiet
-  taxel, the rest value of a taxel below rest, and the noise."""
 ROOM = 6
 """Number of rows of the work space of `update_baseline`, which has one column per taxel."""
 BESIDE = 2.0
@@ -33,6 +20,34 @@ taxels by 0."""
 NOISE_GAIN = float(np.sqrt(6.0) * np.sqrt(2.0 / np.pi))
 """Ratio of the mean absolute second difference of a signal to the standard deviation of the signal's Gaussian
 noise."""
+
+
+class WindowSettings(NamedTuple):
+    """Settings with which rest values and noise are updated after an estimation window."""
+
+    threshold: float
+    """A taxel is quiet if its largest deviation is below this number [standard deviations of the noise], or
+    below `quiet`."""
+    quiet: float
+    """Deviation [counts] below which a taxel is always quiet."""
+    fluctuating: float
+    """A taxel whose value changes in at least this fraction of the frames fluctuates."""
+    share: float
+    """Least fraction of quiet taxels from which the common drift of all taxels is estimated."""
+    lively: float
+    """Noise [counts] from which a healthy taxel never stays constant for a whole window."""
+    typical: float
+    """Typical noise [counts] of the patch before this window."""
+    drift: float
+    """Largest common drift [counts] during this window."""
+    floor: float
+    """Lowest signal [counts] that the sensor can send."""
+    own: float
+    """Weight (0 to 1) of this window in the rest value of a quiet taxel."""
+    release: float
+    """Weight (0 to 1) of this window in the rest value of a taxel below rest."""
+    noise: float
+    """Weight (0 to 1) of this window in the noise."""
 
 
 class BaselineArrays(NamedTuple):
@@ -124,33 +139,32 @@ def _typical(estimates: BaselineArrays, room: Array) -> float:
             writes(1, boolean), writes(1),
         ),
         record(Window, float64, writes(1), writes(1), writes(1), writes(1)),
-        reads(1, boolean), reads(2, int64), reads(1), boolean, writes(2),
+        reads(1, boolean), reads(2, int64), record(WindowSettings, *[float64] * 11), boolean, writes(2),
     )
 )  # fmt: skip
 def update_baseline(
     estimates: BaselineArrays, window: Window, healthy: NDArray[np.bool_],
-    neighbours: NDArray[np.int64], numbers: Array, afresh: bool, room: Array,
+    neighbours: NDArray[np.int64], settings: WindowSettings, afresh: bool, room: Array,
 ) -> float:  # fmt: skip
     """Updates rest values, noise and thresholds of the taxels of one patch from one estimation window.
 
     Returns the patch's typical noise [counts]. `healthy` (n,) is False for masked taxels. `neighbours` (m, 2)
     are pairs of neighbouring taxels. With `afresh`, the rest values of quiet taxels become the means of the
     window. If a taxel has stopped fluctuating, the last change of its rest value is undone, since the taxel
-    may have failed before this change. `numbers` (11,) are settings, in the order of the constants from
-    `THRESHOLD` to `NOISE`. `room` (6, n) is work space.
+    may have failed before this change. `room` (6, n) is work space.
     """
     offset, noise, mean = estimates.offset, estimates.noise, window.mean
     deviation, present, ordered, quiet, touched, taught = room[0], room[1], room[2], room[3], room[4], room[5]
     found, whole = 0, 0
     for i in range(len(offset)):
-        fluctuates = window.changes[i] >= numbers[FLUCTUATING]
+        fluctuates = window.changes[i] >= settings.fluctuating
         present[i] = window.second_difference[i] / NOISE_GAIN if fluctuates else 0.0
-        frozen = window.changes[i] == 0.0 and estimates.initialised[i] and noise[i] >= numbers[LIVELY]
+        frozen = window.changes[i] == 0.0 and estimates.initialised[i] and noise[i] >= settings.lively
         taught[i] = healthy[i] and not frozen and not estimates.frozen[i]
         if frozen and not estimates.frozen[i]:
             offset[i] -= estimates.followed[i]
         estimates.frozen[i] = frozen
-        level = max(numbers[THRESHOLD] * max(noise[i], present[i], numbers[TYPICAL]), numbers[LEAST])
+        level = max(settings.threshold * max(noise[i], present[i], settings.typical), settings.quiet)
         is_low = window.peak[i] < level
         is_quiet = taught[i] > 0.0 and is_low
         if afresh and is_quiet:
@@ -161,8 +175,8 @@ def update_baseline(
             found += 1
         whole += healthy[i]
     drift = 0.0
-    if found >= max(numbers[SHARE] * whole, 1.0):
-        drift = min(max(median(ordered[:found]), -numbers[DRIFT]), numbers[DRIFT])
+    if found >= max(settings.share * whole, 1.0):
+        drift = min(max(median(ordered[:found]), -settings.drift), settings.drift)
     for i in range(len(offset)):
         offset[i] += drift
         deviation[i] -= drift
@@ -176,20 +190,20 @@ def update_baseline(
     for i in range(len(offset)):
         weight = 0.0
         if quiet[i] == 1.0:
-            weight = numbers[OWN]
+            weight = settings.own
         elif taught[i] > 0.0 and deviation[i] < 0.0:
-            weight = numbers[RELEASE]
+            weight = settings.release
         estimates.followed[i] = weight * deviation[i]
         offset[i] += estimates.followed[i]
         # Noise is cut off at the end of the range: an estimate from there may only raise it.
-        cut = mean[i] - max(4.0 * noise[i], 1.0) < numbers[FLOOR]
+        cut = mean[i] - max(4.0 * noise[i], 1.0) < settings.floor
         less = cut and estimates.initialised[i] and present[i] < noise[i]
-        if quiet[i] > 0.0 and window.changes[i] >= numbers[FLUCTUATING] and not less:
-            weight = numbers[NOISE] if estimates.initialised[i] else 1.0
+        if quiet[i] > 0.0 and window.changes[i] >= settings.fluctuating and not less:
+            weight = settings.noise if estimates.initialised[i] else 1.0
             noise[i] += weight * (present[i] - noise[i])
             estimates.initialised[i] = True
         estimates.rested[i] = estimates.rested[i] or quiet[i] > 0.0
     typical = _typical(estimates, ordered)
     for i in range(len(offset)):  # a window has too few frames to show that a taxel is quieter than its patch
-        estimates.threshold[i] = numbers[THRESHOLD] * max(noise[i], typical)
+        estimates.threshold[i] = settings.threshold * max(noise[i], typical)
     return typical

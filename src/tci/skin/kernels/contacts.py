@@ -5,7 +5,7 @@ compiled loops.
 from __future__ import annotations
 
 import numpy as np
-from numba import float64, int32, int64, void
+from numba import float64, from_dtype, int32, int64, void
 
 from tci.messages.frames import Array
 from tci.robot.kernels.limb import Row, limb_pose
@@ -13,29 +13,32 @@ from tci.robot.limb import RHO
 from tci.skin.fill_factor import WIDTHS
 from tci.skin.kernels.arrays import (
     ACTIVE,
-    AREA,
     CLUSTERS,
     CONTACTS,
     LAYOUT,
-    LIMB_LINK,
     LIMITS,
-    LINK,
-    POSTURE,
-    TAXEL,
     ActiveTaxels,
     Clusters,
     ContactArrays,
     Indices,
     LayoutArrays,
     Limits,
+    Records,
 )
 from tci.skin.kernels.nearest import nearest
 from tci.support.compiled import compiled, inlined, reads, returns, writes
 
-FORCE, PEAK, AREA_SUM, U, THETA, Y, Z, POINT, NORMAL, SUMMARY = 0, 1, 2, 3, 4, 5, 6, 7, 10, 13
-"""Columns of a table with a row for each contact: force, largest force on a taxel, area, place on the generic
-limb (u, theta, y, z), and point on the surface and normal (3 columns each). `SUMMARY` is the number of
-columns."""
+SUMMARY = np.dtype(
+    [
+        ("force", np.float64), ("peak", np.float64), ("area", np.float64), ("u", np.float64),
+        ("theta", np.float64), ("y", np.float64), ("z", np.float64), ("point", np.float64, (3,)),
+        ("normal", np.float64, (3,)),
+    ],
+    align=True,
+)  # fmt: skip
+"""What is computed of a contact in the frame of its link, before the contacts of a patch are sorted: force,
+largest force on a taxel, area, place on the generic limb (u, theta, y, z), point on the surface and
+normal."""
 NARROW = 0.5
 """Least width of a touch, in distances of neighbouring taxels, for the computation of the fill factor. A
 narrower touch presses too few taxels to measure the width, and this width is used instead. Assumed: on skins
@@ -89,7 +92,7 @@ def _grow(
         taxel = np.uint64(queue[done])
         done += _ONE
         f = force[taxel]
-        strong |= f >= limits.touch or (f >= limits.light and f >= onset[taxel] * layout.taxel[taxel, AREA])
+        strong |= f >= limits.touch or (f >= limits.light and f >= onset[taxel] * layout.taxels[taxel].area)
         for edge in range(np.uint64(graph[taxel]), np.uint64(graph[taxel + _ONE])):
             other = np.uint64(graph[edge])
             if label[other] == 0 and force[other] >= limits.floor:
@@ -114,12 +117,12 @@ def cluster(
     count, force, queue = 0, clusters.force, clusters.queue
     clusters.bound[0] = 0
     for p in range(len(clusters.counts)):
-        begin = layout.begin[p, TAXEL]
+        begin = layout.patches[p].taxel
         for k in range(state.begin[p], state.begin[p + 1]):
             i = begin + state.active[k]
-            force[i] = state.pressure[k] * layout.taxel[i, AREA]
+            force[i] = state.pressure[k] * layout.taxels[i].area
     for p in range(len(clusters.counts)):
-        begin, before = layout.begin[p, TAXEL], count
+        begin, before = layout.patches[p].taxel, count
         for k in range(state.begin[p], state.begin[p + 1]):
             seed = begin + state.active[k]
             if force[seed] < floor or clusters.label[seed] != 0:
@@ -135,14 +138,14 @@ def cluster(
     found = 0
     for p in range(len(clusters.counts)):
         for k in range(state.begin[p], state.begin[p + 1]):
-            i = layout.begin[p, TAXEL] + state.active[k]
+            i = layout.patches[p].taxel + state.active[k]
             if force[i] >= floor:
                 queue[found] = i
                 found += 1
     _deal(found, clusters, count)
     for p in range(len(clusters.counts)):
         for k in range(state.begin[p], state.begin[p + 1]):
-            force[layout.begin[p, TAXEL] + state.active[k]] = 0.0
+            force[layout.patches[p].taxel + state.active[k]] = 0.0
     single = 0
     for c in range(count):
         single += clusters.bound[c + 1] - clusters.bound[c] == 1
@@ -177,12 +180,12 @@ def _fill(taxels: Indices, forces: Array, layout: LayoutArrays) -> float:
     `forces` (k,) [N] are the forces on the pressed taxels `taxels` (k,). The result is at least 0.15
     (`LEAST_FILL`).
     """
-    places, fill = layout.taxel, layout.fill
+    places, fill = layout.taxels, layout.fill
     total, area, x, y, z, square = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(taxels)):
-        i, f = np.uint64(taxels[k]), forces[k]
-        a, b, c = places[i, 0], places[i, 1], places[i, 2]
-        total, area = total + f, area + places[i, AREA]
+        one, f = places[np.uint64(taxels[k])], forces[k]
+        a, b, c = one.position[0], one.position[1], one.position[2]
+        total, area = total + f, area + one.area
         x, y, z = x + f * a, y + f * b, z + f * c
         square += f * (a * a + b * b + c * c)
     x, y, z = x / total, y / total, z / total
@@ -208,73 +211,61 @@ def fill_around(taxels: Indices, forces: Array, layout: LayoutArrays) -> float:
 @inlined
 def _summarise(
     c: int, p: int, T_SL: tuple[Row, Row, Row], hidden: Array, layout: LayoutArrays, clusters: Clusters,
-    row: Array,
+    row: Records,
 ) -> None:  # fmt: skip
-    """Writes force, largest force on a taxel, area, place on the limb, position and normal of the contact
-    that belongs to cluster `c` on patch `p` into `row` (13,)."""
-    taxels = layout.taxel
+    """Writes the contact that belongs to cluster `c` on patch `p` into `row`, a record of type `SUMMARY`."""
     total, peak, area, pressure, edge = 0.0, 0.0, 0.0, 0.0, 0.0
     mean_x, mean_y, mean_z = 0.0, 0.0, 0.0
     for place in range(clusters.bound[c], clusters.bound[c + 1]):
         i, f = clusters.member[place], clusters.member_force[place]
         total += f
         peak = max(peak, f)
-        area += taxels[i, AREA]
-        if f > pressure * taxels[i, AREA]:
-            pressure, edge = f / taxels[i, AREA], hidden[i]
-        mean_x += f * taxels[i, 0]
-        mean_y += f * taxels[i, 1]
-        mean_z += f * taxels[i, 2]
+        taxel = layout.taxels[i]
+        area += taxel.area
+        if f > pressure * taxel.area:
+            pressure, edge = f / taxel.area, hidden[i]
+        mean_x += f * taxel.position[0]
+        mean_y += f * taxel.position[1]
+        mean_z += f * taxel.position[2]
     mean = mean_x / total, mean_y / total, mean_z / total
     begin, end = clusters.bound[c], clusters.bound[c + 1]
     fill = _fill(clusters.member[begin:end], clusters.member_force[begin:end], layout)
-    row[FORCE] = total / (fill * (1.0 - min(edge / pressure, MOST_HIDDEN)))
-    row[PEAK], row[AREA_SUM] = peak, area
-    nearest(mean, p, layout, row[POINT:NORMAL], row[NORMAL:])
-    x, y, z = row[POINT], row[POINT + 1], row[POINT + 2]
-    u, y_L, z_L = _on_limb(T_SL, x, y, z, layout.limb[p, 12], layout.limb[p, 13])
-    row[U], row[THETA], row[Y], row[Z] = u, np.arctan2(y_L, z_L), y_L, z_L
+    row.force = total / (fill * (1.0 - min(edge / pressure, MOST_HIDDEN)))
+    row.peak, row.area = peak, area
+    nearest(mean, p, layout, row.point, row.normal)
+    x, y, z = row.point[0], row.point[1], row.point[2]
+    limb = layout.patches[p].limb
+    u, y_L, z_L = _on_limb(T_SL, x, y, z, limb[12], limb[13])
+    row.u, row.theta, row.y, row.z = u, np.arctan2(y_L, z_L), y_L, z_L
 
 
 @inlined
-def _precedes(one: Array, other: Array) -> bool:
+def _precedes(one: Records, other: Records) -> bool:
     """Returns True if contact `one` is stronger than contact `other`, or equally strong and nearer to the
-    proximal end of the limb.
-
-    Each argument is a row (13,) with force, position and other data of one contact.
-    """
-    for column, sign in ((FORCE, -1.0), (U, 1.0), (THETA, 1.0)):
-        a, b = sign * one[column], sign * other[column]
-        if a != b:
-            return a < b
-    return False
+    proximal end of the limb."""
+    if one.force != other.force:
+        return bool(one.force > other.force)
+    if one.u != other.u:
+        return bool(one.u < other.u)
+    return bool(one.theta < other.theta)
 
 
 @inlined
-def _write(
-    c: int,
-    p: int,
-    row: Array,
-    T_SL: tuple[Row, Row, Row],
-    T_TL: Array,
-    layout: LayoutArrays,
-    out: ContactArrays,
-) -> None:
-    """Writes the data of one contact of patch `p`, except for its taxels, to index `c` of the arrays in
-    `out`. `row` (13,) contains the contact in the frame of the link."""
-    to = out.rows[c]
-    to.site, to.force, to.peak, to.area = p, row[FORCE], row[PEAK], row[AREA_SUM]
-    to.u, to.theta, to.certainty = row[U], row[THETA], 1.0
-    to.limb_point[0], to.limb_point[1], to.limb_point[2] = row[U], row[Y], row[Z]
-    x, y, z = row[POINT], row[POINT + 1], row[POINT + 2]
-    nx, ny, nz = row[NORMAL], row[NORMAL + 1], row[NORMAL + 2]
+def _write(p: int, row: Records, T_TL: Array, to: Records) -> None:
+    """Writes a contact of patch `p`, except for its taxels, into the record `to`. `row` contains the contact
+    in the frame of the link."""
+    to.site, to.force, to.peak, to.area = p, row.force, row.peak, row.area
+    to.u, to.theta, to.certainty = row.u, row.theta, 1.0
+    to.limb_point[0], to.limb_point[1], to.limb_point[2] = row.u, row.y, row.z
+    x, y, z = row.point[0], row.point[1], row.point[2]
+    nx, ny, nz = row.normal[0], row.normal[1], row.normal[2]
     for axis in range(3):
-        to.p_L[axis], to.n_L[axis] = row[POINT + axis], row[NORMAL + axis]
+        to.p_L[axis], to.n_L[axis] = row.point[axis], row.normal[axis]
         n_T = T_TL[axis, 0] * nx + T_TL[axis, 1] * ny + T_TL[axis, 2] * nz
         at = T_TL[axis, 0] * x + T_TL[axis, 1] * y + T_TL[axis, 2] * z
         to.p_T[axis] = at + T_TL[axis, 3]
         to.n_T[axis] = n_T
-        to.f_T[axis] = -row[FORCE] * n_T
+        to.f_T[axis] = -row.force * n_T
 
 
 @inlined
@@ -284,21 +275,21 @@ def _write_taxels(
 ) -> None:  # fmt: skip
     """Writes the taxels of contact `c` into `out`: index within the patch `p`, force [N] and place on the
     generic limb. `found` is the index of the contact's cluster in `clusters`."""
-    to, begin, taxels = out.begin[c], layout.begin[p, TAXEL], layout.taxel
-    length, side = layout.limb[p, 12], layout.limb[p, 13]
+    to, patch = out.begin[c], layout.patches[p]
     for place in range(clusters.bound[found], clusters.bound[found + 1]):
         i = clusters.member[place]
         one = out.taxels[to]
-        one.taxel, one.taxel_force = i - begin, clusters.member_force[place]
-        u, y, z = _on_limb(T_SL, taxels[i, 0], taxels[i, 1], taxels[i, 2], length, side)
+        one.taxel, one.taxel_force = i - patch.taxel, clusters.member_force[place]
+        at = layout.taxels[i].position
+        u, y, z = _on_limb(T_SL, at[0], at[1], at[2], patch.limb[12], patch.limb[13])
         one.taxel_point[0], one.taxel_point[1], one.taxel_point[2] = u, y, z
         to += 1
     out.begin[c + 1] = to
 
 
-@compiled(void(LAYOUT, reads(1), CLUSTERS, reads(3), reads(2), writes(2), CONTACTS))
+@compiled(void(LAYOUT, reads(1), CLUSTERS, reads(3), reads(2), writes(1, from_dtype(SUMMARY)), CONTACTS))
 def describe(
-    layout: LayoutArrays, hidden: Array, clusters: Clusters, poses: Array, posture: Array, summary: Array,
+    layout: LayoutArrays, hidden: Array, clusters: Clusters, poses: Array, posture: Array, summary: Records,
     out: ContactArrays,
 ) -> None:  # fmt: skip
     """Computes the contact of each cluster (eqs 3-4, 6-7) and writes it to `out`. On each patch the strongest
@@ -307,8 +298,8 @@ def describe(
     A contact consists of its force, its centre of pressure on the surface, the normal at this centre, and its
     place on the generic limb. The force includes an estimate for the edge of the touch, where the pressure is
     below `hidden` (n,) [Pa] and so not measured. `poses` (l, 4, 4) are the poses of the links in the torso
-    frame. `posture` (parts, 4) [rad] are the first four generic angles of each limb. `summary` (c, 13) is
-    work space.
+    frame. `posture` (parts, 4) [rad] are the first four generic angles of each limb. `summary` (c,)
+    is work space, with records of type `SUMMARY`.
     """
     c, order = 0, out.rows.identity
     out.begin[0] = 0
@@ -317,8 +308,9 @@ def describe(
         c += clusters.counts[p]
         if c == first:
             continue
-        T_TL = poses[layout.on[p, LINK]]
-        T_SL = limb_pose(T_TL, poses[layout.on[p, LIMB_LINK]], layout.limb[p], posture[layout.on[p, POSTURE]])
+        patch = layout.patches[p]
+        T_TL = poses[patch.link]
+        T_SL = limb_pose(T_TL, poses[patch.limb_link], patch.limb, posture[patch.part])
         for found in range(first, c):
             _summarise(found, p, T_SL, hidden, layout, clusters, summary[found])
             k = found
@@ -328,5 +320,5 @@ def describe(
             order[k] = found
         for k in range(first, c):
             found = order[k]
-            _write(k, p, summary[found], T_SL, T_TL, layout, out)
+            _write(p, summary[found], T_TL, out.rows[k])
             _write_taxels(k, p, found, T_SL, layout, clusters, out)

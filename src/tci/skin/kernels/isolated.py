@@ -3,33 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import float64, int64
+from numba import float64, from_dtype, int64
 
 from tci.messages.frames import Array
 from tci.skin.kernels.arrays import (
     ACTIVE,
-    AREA,
     CLUSTERS,
     ESTIMATES,
     LAYOUT,
-    TAXEL,
+    WAITING,
     ActiveTaxels,
     Clusters,
     Estimates,
     LayoutArrays,
     Places,
+    Records,
 )
 from tci.support.compiled import compiled, inlined, reads, returns, writes
 
-PLACE, SINCE, FORCE, CHANGED, LAST, WAITING = range(6)
-"""Columns of `waiting`, a table with a row for each isolated taxel (a pressed taxel without pressed
-neighbours). `WAITING` is the number of columns.
-
-- `PLACE`: index of the taxel within the whole skin.
-- `SINCE`: time [s] at which the taxel became active alone.
-- `FORCE`, `CHANGED`: force [N] on the taxel, and how often this force has changed since the time `SINCE`.
-- `LAST`: 1 if the taxel is the last pressed taxel of a contact whose other taxels have been released;
-  otherwise 0."""
 ALIVE = 2
 """Least number of changes of the force on an isolated taxel (pressed without its neighbours) after which the
 taxel counts as healthy. One change is not enough, since a new estimate of the rest value can cause it."""
@@ -39,16 +30,21 @@ sparse skin, where every touch presses a single taxel."""
 
 
 @inlined
+def _square_distance(one: Array, other: Array) -> float:
+    a, b, c = other[0] - one[0], other[1] - one[1], other[2] - one[2]
+    distance2: float = a * a + b * b + c * c
+    return distance2
+
+
+@inlined
 def _has_neighbours(taxel: int, layout: LayoutArrays, least: Array, reach: float) -> bool:
     """Returns True if a taxel has at least two trusted neighbours within `reach` [m]. `least` (n,) is
     infinite for taxels that are not trusted."""
-    taxels, graph = layout.taxel, layout.graph
-    x, y, z = taxels[taxel, 0], taxels[taxel, 1], taxels[taxel, 2]
+    graph, here = layout.graph, layout.taxels[taxel].position
     found = 0
     for edge in range(graph[taxel], graph[taxel + 1]):
         other = graph[edge]
-        a, b, c = taxels[other, 0] - x, taxels[other, 1] - y, taxels[other, 2] - z
-        distance2 = a * a + b * b + c * c
+        distance2 = _square_distance(here, layout.taxels[other].position)
         found += least[other] < np.inf and 0.0 < distance2 <= reach * reach
     return found >= SURROUNDED
 
@@ -62,14 +58,13 @@ def _is_beside(
 
     One touch across a gap in the skin may press both taxels.
     """
-    taxels = layout.taxel
-    x, y, z = taxels[taxel, 0], taxels[taxel, 1], taxels[taxel, 2]
+    here = layout.taxels[taxel].position
     for k in range(state.begin[p], state.begin[p + 1]):
-        other = layout.begin[p, TAXEL] + state.active[k]
-        if other != taxel and state.pressure[k] * taxels[other, AREA] >= floor:
-            a, b, c = taxels[other, 0] - x, taxels[other, 1] - y, taxels[other, 2] - z
-            if a * a + b * b + c * c <= 4.0 * reach * reach:
-                return True
+        i = layout.patches[p].taxel + state.active[k]
+        other = layout.taxels[i]
+        pressed = i != taxel and state.pressure[k] * other.area >= floor
+        if pressed and _square_distance(here, other.position) <= 4.0 * reach * reach:
+            return True
     return False
 
 
@@ -87,17 +82,18 @@ def _was_touched(taxel: int, before: Places) -> bool:
 
 
 @inlined
-def _wait_on(place: int, stamp: float, force: float, waiting: Array, now: Array) -> bool:
-    """Writes the history of an isolated taxel, which is pressed without its neighbours, into `now` (5,).
+def _wait_on(taxel: int, stamp: float, force: float, waiting: Records, now: Records) -> bool:
+    """Writes the history of an isolated taxel, which is pressed without its neighbours, into `now`.
 
-    `waiting` (w, 5) are the histories in the previous frame. Returns False if they do not contain the taxel.
+    `waiting` (w,) are the histories in the previous frame. Returns False if they do not contain the taxel.
     """
-    now[PLACE], now[SINCE], now[FORCE], now[CHANGED], now[LAST] = place, stamp, force, 0.0, 0.0
+    now.taxel, now.since, now.force, now.changes, now.is_last = taxel, stamp, force, 0, False
     for w in range(len(waiting)):
-        if int(waiting[w, PLACE]) == place:
-            now[SINCE] = min(waiting[w, SINCE], stamp)
-            now[CHANGED] = waiting[w, CHANGED] + (waiting[w, FORCE] != force)
-            now[LAST] = waiting[w, LAST]
+        before = waiting[w]
+        if before.taxel == taxel:
+            now.since = min(before.since, stamp)
+            now.changes = before.changes + (before.force != force)
+            now.is_last = before.is_last
             return True
     return False
 
@@ -112,8 +108,8 @@ def _wait_on(place: int, stamp: float, force: float, waiting: Array, now: Array)
         float64,
         reads(2),
         reads(1, int64),
-        reads(2),
-        writes(2),
+        reads(1, from_dtype(WAITING)),
+        writes(1, from_dtype(WAITING)),
     )
 )
 def reject_isolated(
@@ -125,8 +121,8 @@ def reject_isolated(
     floor: float,
     rules: Array,
     before: Places,
-    waiting: Array,
-    fresh: Array,
+    waiting: Records,
+    fresh: Records,
 ) -> tuple[int, int, int]:
     """Removes clusters of a single taxel that do not count as a touch, under the conditions of
     `IsolatedSettings`.
@@ -138,8 +134,8 @@ def reject_isolated(
     value at least twice (`ALIVE`) while it was pressed. `reach` [m] is the largest distance between two
     pressed taxels that may belong to one touch. `floor` [N] is the least force on a taxel of a contact.
     `before` (k,) are the taxels of all contacts in the previous frame, as indices within the whole skin.
-    `waiting` (w, 5) are the rows that the call for the previous frame wrote to `fresh` (m, 5). Returns the
-    number of remaining clusters, the number of their taxels, and the number of rows written to `fresh`.
+    `waiting` (w,) are the records that the call for the previous frame wrote to `fresh` (m,). Returns the
+    number of remaining clusters, the number of their taxels, and the number of records written to `fresh`.
     """
     waits, kept, filled, c, begin = 0, 0, 0, 0, 0
     bound, member, forces = clusters.bound, clusters.member, clusters.member_force
@@ -155,14 +151,14 @@ def reject_isolated(
                     now, stamp = fresh[waits], state.stamp[p]
                     waits += 1
                     if not _wait_on(i, stamp, force, waiting, now):
-                        now[LAST] = _was_touched(i, before)
-                    full = end[p] * layout.gain[i] * layout.taxel[i, AREA]
+                        now.is_last = _was_touched(i, before)
+                    full = end[p] * layout.gain[i] * layout.taxels[i].area
                     must_change = estimates.fluctuating[i] or force >= full
-                    alive = now[CHANGED] >= ALIVE or not must_change or wait[p] <= 0.0
-                    if stamp - now[SINCE] >= wait[p]:
+                    alive = now.changes >= ALIVE or not must_change or wait[p] <= 0.0
+                    if stamp - now.since >= wait[p]:
                         keep = alive
                     else:
-                        keep = now[LAST] > 0.0 or _is_beside(i, p, state, layout, reach, floor)
+                        keep = now.is_last or _is_beside(i, p, state, layout, reach, floor)
             if keep:
                 for k in range(begin, until):
                     member[filled], forces[filled] = member[k], forces[k]

@@ -6,7 +6,7 @@ import numpy as np
 
 from tci.messages.frames import Array
 from tci.robot.kernels.limb import Vector
-from tci.skin.kernels.arrays import CELL, TAXEL, LayoutArrays
+from tci.skin.kernels.arrays import LayoutArrays, Records
 from tci.support.compiled import inlined
 
 
@@ -19,18 +19,19 @@ def nearest(point: Vector, p: int, layout: LayoutArrays, p_L: Array, n_L: Array)
     nearest taxel. The result equals the result of `Surface.project`.
     """
     best = np.inf
-    box, taxels, faces, cells = layout.box[p], layout.taxel, layout.faces, layout.cells
-    nx, ny, nz = int(box[4]), int(box[5]), int(box[6])
-    scale, first_cell = box[3], layout.begin[p, CELL]
+    patch, taxels, faces, cells = layout.patches[p], layout.taxels, layout.faces, layout.cells
+    nx, ny, nz = patch.cells[0], patch.cells[1], patch.cells[2]
+    low, scale, first_cell = patch.corner, patch.cells_per_metre, patch.cell
     if nx * ny * nz == 0:
-        for i in range(layout.begin[p, TAXEL], layout.begin[p + 1, TAXEL]):
-            distance2 = _square(taxels[i, 0] - point[0], taxels[i, 1] - point[1], taxels[i, 2] - point[2])
+        for i in range(patch.taxel, patch.taxel_end):
+            at, normal = taxels[i].position, taxels[i].normal
+            distance2 = _square(at[0] - point[0], at[1] - point[1], at[2] - point[2])
             if distance2 < best:
                 best = distance2
                 for axis in range(3):
-                    p_L[axis], n_L[axis] = taxels[i, axis], taxels[i, 3 + axis]
+                    p_L[axis], n_L[axis] = at[axis], normal[axis]
         return
-    x, y, z = (point[0] - box[0]) * scale, (point[1] - box[1]) * scale, (point[2] - box[2]) * scale
+    x, y, z = (point[0] - low[0]) * scale, (point[1] - low[1]) * scale, (point[2] - low[2]) * scale
     cx, cy, cz = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
     last = max(max(cx, nx - cx), max(cy, ny - cy), max(cz, nz - cz)) + 1
     first = max(0, -cx, cx - nx + 1, -cy, cy - ny + 1, -cz, cz - nz + 1)
@@ -53,7 +54,8 @@ def nearest(point: Vector, p: int, layout: LayoutArrays, p_L: Array, n_L: Array)
                     cell = first_cell + (i * ny + j) * nz + k
                     for entry in range(cells[cell], cells[cell + 1]):
                         f = cells[entry]
-                        best = _closer(point, taxels, faces[f, 0], faces[f, 1], faces[f, 2], best, p_L, n_L)
+                        a, b, c = taxels[faces[f, 0]], taxels[faces[f, 1]], taxels[faces[f, 2]]
+                        best = _closer(point, a, b, c, best, p_L, n_L)
     length = np.sqrt(_square(n_L[0], n_L[1], n_L[2]))
     n_L[0] /= length
     n_L[1] /= length
@@ -61,18 +63,17 @@ def nearest(point: Vector, p: int, layout: LayoutArrays, p_L: Array, n_L: Array)
 
 
 @inlined
-def _closer(
-    point: Vector, taxels: Array, a: int, b: int, c: int, best: float, p_L: Array, n_L: Array
-) -> float:
+def _closer(point: Vector, a: Records, b: Records, c: Records, best: float, p_L: Array, n_L: Array) -> float:
     """Finds the point of one triangle that is nearest to `point` [m]. If the squared distance is less than
     `best` [m2], writes this point into `p_L` and the normal there into `n_L`. The corners are the taxels `a`,
-    `b` and `c`; each row of `taxels` begins with position and normal.
+    `b` and `c`.
 
     The length of the normal is not 1. Returns the smaller one of the squared distance and `best` [m2].
     """
-    ax, ay, az = taxels[a, 0], taxels[a, 1], taxels[a, 2]
-    ux, uy, uz = taxels[b, 0] - ax, taxels[b, 1] - ay, taxels[b, 2] - az
-    vx, vy, vz = taxels[c, 0] - ax, taxels[c, 1] - ay, taxels[c, 2] - az
+    p, q, r = a.position, b.position, c.position
+    ax, ay, az = p[0], p[1], p[2]
+    ux, uy, uz = q[0] - ax, q[1] - ay, q[2] - az
+    vx, vy, vz = r[0] - ax, r[1] - ay, r[2] - az
     wx, wy, wz = point[0] - ax, point[1] - ay, point[2] - az
     s, t = _corner_weights(
         ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz,
@@ -81,10 +82,10 @@ def _closer(
     distance2: float = _square(wx - s * ux - t * vx, wy - s * uy - t * vy, wz - s * uz - t * vz)
     if not distance2 < best:
         return best
-    r = 1.0 - s - t
+    rest = 1.0 - s - t
     for i in range(3):
-        p_L[i] = r * taxels[a, i] + s * taxels[b, i] + t * taxels[c, i]
-        n_L[i] = r * taxels[a, 3 + i] + s * taxels[b, 3 + i] + t * taxels[c, 3 + i]
+        p_L[i] = rest * p[i] + s * q[i] + t * r[i]
+        n_L[i] = rest * a.normal[i] + s * b.normal[i] + t * c.normal[i]
     return distance2
 
 

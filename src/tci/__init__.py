@@ -14,6 +14,7 @@ from tci.support.lazy import lazy_names
 if TYPE_CHECKING:
     from tci.body.generic_body import GenericBody as GenericBody
     from tci.body.perceiver import Perceiver as Perceiver
+    from tci.capabilities.arbiter import Arbiter as Arbiter
     from tci.capabilities.body_withdrawal import BodyWithdrawal as BodyWithdrawal
     from tci.capabilities.capability import Capability as Capability
     from tci.capabilities.contact_stop import ContactStop as ContactStop

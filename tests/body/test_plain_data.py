@@ -52,7 +52,7 @@ def capabilities() -> dict[str, tci.Capability[Any]]:
         "whole body": BodyWithdrawal(stance="supported", refractory=0.05),
         "soft": SoftReaction(),
         "contact stop": ContactStop(tci.WithdrawalReflex(), quiet=0.05),
-        "gesture": PlayGesture(fit(NAO, still), tci.WithdrawalReflex()),
+        "gesture": tci.Arbiter([tci.WithdrawalReflex(), PlayGesture(fit(NAO, still))]),
     }
 
 

@@ -17,7 +17,7 @@ from tci.body.generic_body import GenericBody
 from tci.capabilities.behaviour_tree import BehaviourTree, Reflex, Task
 from tci.capabilities.capability import Capability
 from tci.drivers.simulated import SimulatedDriver
-from tci.errors import TciError
+from tci.errors import CommandError, TciError
 from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode
 from tci.messages.frames import Array
 from tci.runtime.loop import Tick, run
@@ -117,7 +117,7 @@ def test_the_first_leaf_moves_a_part_that_two_want() -> None:
     assert values(tree.step(tree.init(BODY), seen(), BODY)[0]) == [list(HIGH)]
 
 
-def test_leaves_begin_in_one_mode_per_part() -> None:
+def test_a_part_changes_its_mode_with_the_leaf_that_moves_it() -> None:
     def modes(*wanted: Mode) -> BehaviourTree:
         leaves = [(f"leaf {n}", Go("left_arm", HIGH, mode)) for n, mode in enumerate(wanted)]
         return BehaviourTree(
@@ -125,8 +125,11 @@ def test_leaves_begin_in_one_mode_per_part() -> None:
         )
 
     assert len(modes(Mode.VELOCITY, Mode.VELOCITY).begin(seen(), BODY)) == 1
-    with pytest.raises(TciError, match="the leaf 'leaf 1' needs left_arm in impedance mode"):
-        modes(Mode.VELOCITY, Mode.IMPEDANCE).begin(seen(), BODY)
+    (begun,) = modes(Mode.VELOCITY, Mode.POSITION).begin(seen(), BODY)
+    assert isinstance(begun, SwitchMode)
+    assert begun.mode is Mode.VELOCITY
+    with pytest.raises(CommandError, match="Go needs left_arm in torque mode; valid for LShoulderPitch"):
+        modes(Mode.POSITION, Mode.TORQUE).begin(seen(), BODY)
 
 
 def test_a_tree_without_leaves_and_a_leaf_without_a_tree_are_refused() -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from helpers.touches import BODY, body_that, see
 from tci.body.generic_body import GenericBody
+from tci.capabilities.arbiter import Arbiter
 from tci.capabilities.behaviour_tree import BehaviourTree, Reflex
 from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
 from tci.capabilities.capability import Capability
@@ -72,7 +73,7 @@ def wrapped(reflex: Capability[Any]) -> dict[str, Capability[Any]]:
     return {
         "nothing changed": CapabilityWrapper(reflex),
         "contact stop": ContactStop(reflex),
-        "gesture": PlayGesture(fit(load_robot("icub"), STILL), reflex),
+        "arbiter": Arbiter([WithdrawalReflex(), reflex]),
         "tree": BehaviourTree(lambda: Reflex("away", reflex)),
         "steered": Steered(reflex),
         "one in another": ContactStop(Steered(reflex)),

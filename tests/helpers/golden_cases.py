@@ -58,12 +58,13 @@ def paper() -> tci.WithdrawalReflex:
     return tci.WithdrawalReflex(fields=default_fields(measure="weighted"))
 
 
-def gesture() -> tci.PlayGesture:
+def gesture() -> tci.Arbiter:
     """An arm that swings, and a reflex that interrupts it. Not fitted, since a fit rounds too."""
     times = np.linspace(0.0, 0.8, 17)
     swing = np.outer(np.sin(np.pi * times / 0.8), [0.3, 0.0, 0.0, 0.2, 0.0])
     arm = Gesture(times, {"left_arm": np.deg2rad([25.0, 25.0, 0.0, 60.0, 0.0]) + swing})
-    return tci.PlayGesture(Fitted(arm, arm, 1.0, {}, ()), tci.WithdrawalReflex(refractory=0.2))
+    reflex = tci.WithdrawalReflex(refractory=0.2)
+    return tci.Arbiter([reflex, tci.PlayGesture(Fitted(arm, arm, 1.0, {}, ()))])
 
 
 def tree() -> tci.Capability[Any]:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 from tci.support.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from tci.capabilities.arbiter import Arbiter as Arbiter
+    from tci.capabilities.arbiter import ArbiterMemory as ArbiterMemory
     from tci.capabilities.body_withdrawal import BodyWithdrawal as BodyWithdrawal
     from tci.capabilities.capability import Capability as Capability
     from tci.capabilities.contact_stop import ContactStop as ContactStop
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from tci.capabilities.fields import ReceptiveField as ReceptiveField
     from tci.capabilities.fields import default_fields as default_fields
     from tci.capabilities.fields import load_fields as load_fields
+    from tci.capabilities.layer import Layer as Layer
     from tci.capabilities.light_grasp import Grip as Grip
     from tci.capabilities.light_grasp import LightGrasp as LightGrasp
     from tci.capabilities.play_gesture import GestureMemory as GestureMemory

@@ -18,14 +18,16 @@ has finished, the task continues.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from tci.body.generic_body import GenericBody
+from tci.capabilities.arbiter import tells_claims
 from tci.capabilities.capability import Capability
-from tci.capabilities.orders import begin_of, moved_part, step_of
+from tci.capabilities.layer import Layer, check_modes, step_layer, with_modes
+from tci.capabilities.orders import begin_of, moved_part, pause_of
 from tci.errors import TciError
-from tci.messages import Order, Perception, SwitchMode
+from tci.messages import Command, Order, Perception, SwitchMode
 from tci.reasons import Reason
 from tci.support.installed import needs
 
@@ -43,13 +45,25 @@ class Leaf(Behaviour):
     def __init__(self, name: str, capability: Capability[Any]) -> None:
         super().__init__(name)
         self.capability = capability
-        self.memory: Any = None
-        """Memory of the capability."""
+        self.layer = Layer(None)
+        """The capability's memory, and what it last ordered."""
         self.seen: tuple[Perception, GenericBody] | None = None
         """Perception of this tick, and the generic body. The value is None if the leaf is not in a
         `BehaviourTree`."""
         self.orders: list[Order] = []
         """Orders of the capability in this tick."""
+
+    @property
+    def memory(self) -> Any:
+        """Memory of the capability."""
+        return self.layer.memory
+
+    @property
+    def holds(self) -> frozenset[str]:
+        """Parts that it holds: those that its capability claims, or else those that it moved."""
+        if self.status is not Status.RUNNING:
+            return frozenset()
+        return self.layer.claims if tells_claims(self.capability) else self.layer.moved
 
     def _now(self) -> tuple[Perception, GenericBody]:
         if self.seen is None:
@@ -58,7 +72,7 @@ class Leaf(Behaviour):
 
     def _step(self) -> Perception:
         perception, body = self._now()
-        orders, self.memory = step_of(self.capability, self.memory, perception, body)
+        orders, self.layer = step_layer(self.capability, self.layer, frozenset(), perception, body)
         self.orders += orders
         return perception
 
@@ -96,25 +110,23 @@ class Task(Leaf):
         finished."""
         super().__init__(name, capability)
         self._done = done
-        self._wanted: dict[str, Order] = {}
         self._interrupted = False
 
     def initialise(self) -> None:
-        if self._interrupted:
-            self._interrupted = False
-            self.orders += self._wanted.values()
-        else:
-            self.memory, self._wanted = self.capability.init(self._now()[1]), {}
+        if not self._interrupted:
+            self.layer = Layer(self.capability.init(self._now()[1]))
+        self._interrupted = False
 
     def update(self) -> Status:
         seen = self._step()
-        for order in self.orders:
-            if part := moved_part(order):
-                self._wanted[part] = order
         return Status.SUCCESS if self._done(self.memory, seen) else Status.RUNNING
 
     def terminate(self, new_status: Status) -> None:
         self._interrupted = new_status is Status.INVALID and self.status is Status.RUNNING
+        if self._interrupted:
+            parts = self.layer.moved
+            _, memory = pause_of(self.capability, self.memory, parts, *self._now())
+            self.layer = replace(self.layer, memory=memory, taken=parts)
 
 
 @dataclass(frozen=True)
@@ -135,28 +147,21 @@ class BehaviourTree(Capability[Behaviour]):
     def init(self, body: GenericBody) -> Behaviour:
         tree = self.tree()
         for leaf in _leaves(tree):
-            leaf.memory = leaf.capability.init(body)
+            leaf.layer = Layer(leaf.capability.init(body))
         return tree
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
-        """Returns the first orders of all leaves.
-
-        Raises TciError if two leaves need one part in different control modes.
-        """
+        """Returns the first orders of all leaves. If leaves need a part in different modes, the first mode;
+        the part then changes its mode with the leaf that moves it. Raises CommandError if the robot lacks one
+        of these modes."""
         begun: list[Order] = []
         modes: dict[str, SwitchMode] = {}
         for leaf in _leaves(self.tree()):
-            for order in begin_of(leaf.capability, perception, body):
-                if isinstance(order, SwitchMode):
-                    first = modes.setdefault(order.part, order)
-                    if first.mode is not order.mode:
-                        raise TciError(
-                            f"the leaf {leaf.name!r} needs {order.part} in {order.mode.value} mode, another "
-                            f"leaf in {first.mode.value} mode; valid: one mode for each part"
-                        )
-                    if first is not order:
-                        continue
-                begun.append(order)
+            orders = begin_of(leaf.capability, perception, body)
+            check_modes(leaf.capability, orders, body)
+            for order in orders:
+                if not isinstance(order, SwitchMode) or modes.setdefault(order.part, order) is order:
+                    begun.append(order)
         return tuple(begun)
 
     def step(
@@ -165,17 +170,22 @@ class BehaviourTree(Capability[Behaviour]):
         """Ticks the tree once. If several leaves move one part, only the orders of the first leaf are
         used."""
         leaves = list(_leaves(memory))
+        before = [leaf.layer for leaf in leaves]
         for leaf in leaves:
             leaf.seen, leaf.orders = (perception, body), []
         memory.tick_once()
-        orders: list[Order] = []
-        taken: dict[str, Leaf] = {}
-        for leaf in leaves:
-            for order in leaf.orders:
-                part = moved_part(order)
-                if not part or taken.setdefault(part, leaf) is leaf:
-                    orders.append(order)
-        return tuple(orders), memory
+        owner = {moved_part(order): leaf for leaf in reversed(leaves) for order in leaf.orders}
+        orders = [
+            order
+            for leaf in leaves
+            for order in leaf.orders
+            if not isinstance(order, Command) or owner.get(order.part, leaf) is leaf
+        ]
+        return tuple(with_modes(orders, before, [leaf.layer for leaf in leaves])), memory
+
+    def claims(self, memory: Behaviour) -> frozenset[str]:
+        """What the running leaves hold."""
+        return frozenset().union(*(leaf.holds for leaf in _leaves(memory)))
 
     def notes(self, memory: Behaviour) -> tuple[str, ...]:
         """Returns the notes of all leaves of the tree."""

@@ -96,6 +96,10 @@ class BodyWithdrawal(Capability[BodyMemory]):
         )  # fmt: skip
         return new_targets(memory, after), after
 
+    def claims(self, memory: BodyMemory) -> frozenset[str]:
+        """The parts that withdraw, until `refractory` after their last touch."""
+        return frozenset(memory)
+
     def notes(self, memory: BodyMemory) -> tuple[str, ...]:
         """Returns a sentence for each touched part that does not move, with the reason."""
         return memory.notes

@@ -115,6 +115,12 @@ class LightGrasp(Capability[Grips]):
                 commands.append(GenericCommand(part, Mode.POSITION, after.flexion))
         return tuple(commands), grips
 
+    def claims(self, memory: Grips) -> frozenset[str]:
+        """The hands that are closed, or were touched or opened less than `quiet` ago."""
+        return frozenset(
+            part for part, grip in memory.items() if grip.closed or grip.stamp - grip.felt < self.quiet
+        )
+
     def _grip(self, before: Grip, perception: Perception, body: GenericBody, part: str, rest: Array) -> Grip:
         """Returns the state of a hand's grasp after `perception`. `before` is the previous state, and `rest`
         (n,) [rad] is the open posture of the hand."""

@@ -46,6 +46,14 @@ def resume_of(
     return _pair(capability.resume(memory, taken, last, perception, body), capability, "resume")
 
 
+def claims_of(capability: Capability[Memory], memory: Memory) -> frozenset[str]:
+    claims: object = capability.claims(memory)
+    if isinstance(claims, str) or not isinstance(claims, Iterable):
+        source = f"{type(capability).__name__}: claims"
+        raise CommandError(f"{source} returned {named(claims)}; valid: a set of names of generic parts")
+    return frozenset(claims)
+
+
 def _pair(answer: object, capability: Capability[Any], method: str) -> tuple[tuple[Order, ...], Any]:
     """Raises CommandError unless `answer` is the pair (commands, memory)."""
     source = f"{type(capability).__name__}: {method}"

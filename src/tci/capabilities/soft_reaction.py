@@ -39,6 +39,8 @@ class Posture:
     angles."""
     refused: str = ""
     """Reason why the touched part does not yield. The text is empty if the part yields."""
+    touched: bool = False
+    """True while the part is touched."""
 
 
 Postures = Mapping[str, Posture]
@@ -139,8 +141,12 @@ class SoftReaction(Capability[Postures]):
                 speed = (angles - before.angles) / elapsed if elapsed > 0.0 else np.zeros(angles.size)
                 values = self.gain * torque + self.stiffness * (home - angles) - self.damping * speed
             commands.append(GenericCommand(part, self.mode, read_only(values)))
-            postures[part] = Posture(perception.stamp, angles, home, reason)
+            postures[part] = Posture(perception.stamp, angles, home, reason, bool(touches))
         return tuple(commands), postures
+
+    def claims(self, memory: Postures) -> frozenset[str]:
+        """The parts that yield to a touch."""
+        return frozenset(part for part, one in memory.items() if one.touched and not one.refused)
 
     def notes(self, memory: Postures) -> tuple[str, ...]:
         """Returns a sentence for each touched part that does not yield, with the reason."""

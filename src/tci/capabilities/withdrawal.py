@@ -151,6 +151,10 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         }
         return tuple(GenericCommand(p, Mode.VELOCITY, read_only(v)) for p, v in velocities.items()), after
 
+    def claims(self, memory: WithdrawalMemory) -> frozenset[str]:
+        """The arms that withdraw, until `refractory` after their last touch."""
+        return frozenset(memory)
+
     def notes(self, memory: WithdrawalMemory) -> tuple[str, ...]:
         """Returns a sentence for each touched arm that does not move, with the reason."""
         return memory.notes

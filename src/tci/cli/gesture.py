@@ -153,7 +153,7 @@ def play(
         _announce(words, gesture, fitted)
     driver = connect(words, via, arm=arm or via.partition(":")[0] in HARMLESS)
     with driver:
-        following = follow(driver, PlayGesture(fitted, WithdrawalReflex() if reflex else None))
+        following = follow(driver, PlayGesture(fitted), reflexes=[WithdrawalReflex()] if reflex else [])
     done = following.phase is Phase.DONE
     if as_json:
         print_json({"done": done, **following.to_json(), "slower": fitted.slower,

@@ -110,7 +110,7 @@ def test_the_reflex_interrupts_and_the_gesture_goes_on() -> None:
             world.finger.retire()
 
     fitted = fit(robot, wave())
-    following = follow(driver, PlayGesture(fitted, WithdrawalReflex()), observe=touch)
+    following = follow(driver, PlayGesture(fitted), reflexes=[WithdrawalReflex()], observe=touch)
     print(following)
     assert any(contact for _, contact in phases)
     assert following.interruptions == 1
@@ -132,7 +132,7 @@ def test_a_reflex_that_goes_blind_stops_the_robot() -> None:
     t = np.linspace(0.0, 0.5, 11)
     still = np.deg2rad(np.array([25.0, 25, 0, 60, 0]) + np.zeros((11, 1)))
     driver = SimulatedDriver(icub, world=World(icub, skin=False))
-    follow(driver, PlayGesture(fit(icub, Gesture(t, {"left_arm": still})), GoesBlind()))
+    follow(driver, PlayGesture(fit(icub, Gesture(t, {"left_arm": still}))), reflexes=[GoesBlind()])
     assert driver.gate.counts.stops == 1
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from tci.body.generic_body import GenericBody
+from tci.capabilities.arbiter import Arbiter
+from tci.capabilities.capability import Capability
 from tci.capabilities.play_gesture import GestureMemory, Phase, PlayGesture
 from tci.capabilities.wrapper import CapabilityWrapper
 from tci.drivers.driver import Driver
@@ -91,11 +93,17 @@ class _Followed(CapabilityWrapper[_Seen]):
         return orders, replace(after, count=after.count + 1, squares=squares, largest=largest)
 
 
-def follow(driver: Driver, play: PlayGesture, *, observe: Callable[[Tick], None] | None = None) -> Following:
+def follow(
+    driver: Driver,
+    play: PlayGesture,
+    *,
+    reflexes: Sequence[Capability[Any]] = (),
+    observe: Callable[[Tick], None] | None = None,
+) -> Following:
     """Plays a whole gesture on a robot and measures the tracking error.
 
-    The function `observe` is called after each period. Raises the errors of `run`, and CommandError if the
-    robot sends no valid reading.
+    The capabilities `reflexes` may interrupt it. The function `observe` is called after each period. Raises
+    the errors of `run`, and CommandError if the robot sends no valid reading.
     """
     stopped: dict[str, None] = {}
 
@@ -108,12 +116,12 @@ def follow(driver: Driver, play: PlayGesture, *, observe: Callable[[Tick], None]
 
     result = run(
         driver,
-        _Followed(play),
+        Arbiter((*reflexes, _Followed(play))),
         duration=play.gesture.duration + MOST,
         observe=see,
-        until=lambda memory: memory.inner.phase is Phase.DONE,
+        until=lambda memory: memory.layers[-1].memory.inner.phase is Phase.DONE,
     )
-    memory = result.memory
+    memory: _Seen = result.memory.layers[-1].memory
     if memory.first is None:
         raise CommandError(
             f"{driver.robot.name} sent no valid reading, so the gesture was not played; look with: tci doctor"

@@ -27,13 +27,20 @@ LIVE = [
     "lab/experiments/test_remote_trial.py",
     "lab/faults/test_processes.py",
     "lab/viewer",
+    "tools/test_exposure.py",
     "wires",
     "yarpwire",
 ]
 """Folders and files of live tests, which use other processes in real time. On a busy machine the gate
 correctly holds the robot, so only few of these tests run at the same time."""
 
-FIRST = ["test_wheel.py", "lab/viewer"]
+FIRST = [
+    "test_wheel.py",
+    "lab/viewer",
+    "drivers/test_driver.py",
+    "wires/zenoh",
+    "lab/experiments/test_main_job.py",
+]
 """Longest groups of each half of `make test`. They start first, because at the end of the run the other
 processors would wait for them."""
 

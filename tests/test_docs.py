@@ -125,6 +125,9 @@ USED = re.compile(r"(?:^|`|\$ )(tci [a-z][^`#\n]*)", re.MULTILINE)
 """Pattern of a command in a page: at the start of a line, after a prompt or in back quotes."""
 
 
+COMMANDS = typer.main.get_command(app)
+
+
 LAST = "X"
 """An additional argument, used as the value of an option that a page mentions without a value."""
 
@@ -133,7 +136,7 @@ LAST = "X"
 def test_commands_of_a_page_have_the_options_that_it_gives_them(page: Path) -> None:
     text = re.sub(r"\\\n *", "", page.read_text())
     for used in USED.findall(text):
-        command: Any = typer.main.get_command(app)
+        command: Any = COMMANDS
         words = shlex.split(used.split("  ")[0])[1:]  # two spaces separate the command from its description
         while words and (inner := getattr(command, "commands", {}).get(words[0])):
             command, words = inner, words[1:]

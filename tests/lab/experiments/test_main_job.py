@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 import pytest
@@ -20,8 +21,8 @@ from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
 from tci.gate.gate import Gate, GateSettings
 from tci.lab.authoring.dense_skin import with_skin_rate
-from tci.lab.experiments.experiment import Report, run_experiment
-from tci.lab.experiments.measure import cop_error
+from tci.lab.experiments.experiment import Report, run_experiment, trials_of
+from tci.lab.experiments.measure import Trial, cop_error
 from tci.lab.experiments.poke import Stimulus, poke
 from tci.lab.experiments.same_stimulus import initial_joints
 from tci.messages import GenericCommand, JointReading, Mode
@@ -40,40 +41,32 @@ COMMON_RANGE = np.deg2rad([[-10, 95.5], [0, 76], [-29.5, 65], [15, 88.5], [-60, 
 
 
 @lru_cache
-def run_at(rate: float, mode: Mode) -> Report:
+def demo() -> Report:
+    """The demo's experiment: skin at 50 Hz, position mode, both arms."""
+    robots = [with_skin_rate(load_robot(name), 50.0) for name in ROBOTS]
+    return run_experiment(robots, WithdrawalReflex(), stimulus=Stimulus(), seed=3)
+
+
+@lru_cache
+def trials_at(rate: float, mode: Mode) -> tuple[Trial, ...]:
+    """The left arm's trials of another case. The right arm's are in the demo's, with the same mirrored
+    fields."""
     robots = [with_skin_rate(load_robot(name), rate) for name in ROBOTS]
-    whole = (rate, mode) == CASES[0]  # the demo's
-    stimulus = Stimulus() if whole else SHORT_POKE
-    return run_experiment(robots, WithdrawalReflex(mode=mode), stimulus=stimulus, seed=3)
+    reflex = WithdrawalReflex(mode=mode)
+    each = (trials_of(robot, reflex, stimulus=SHORT_POKE, seed=3, sides=("left",)) for robot in robots)
+    return tuple(chain.from_iterable(each))
 
 
-CASES = [(50.0, Mode.POSITION), (100.0, Mode.POSITION), (50.0, Mode.VELOCITY), (50.0, Mode.IMPEDANCE)]
+OTHERS = [(100.0, Mode.POSITION), (50.0, Mode.VELOCITY), (50.0, Mode.IMPEDANCE)]
+"""Rate of the skin [Hz] and mode of each case beside the demo's."""
 
 
-GROUPS = ["stiff-and-soft", "fast-skin", "velocity", "stiff-and-soft"]
-"""Tests of one group run in one process, which runs each experiment once."""
-
-
-def name_of(case: tuple[float, Mode]) -> str:
-    return f"{case[0]:g}Hz-{case[1].value}"
-
-
-@pytest.fixture(
-    scope="module",
-    params=[
-        pytest.param(case, marks=pytest.mark.xdist_group(group), id=name_of(case))
-        for case, group in zip(CASES, GROUPS, strict=True)
-    ],
-)
-def report(request: pytest.FixtureRequest) -> tuple[float, Report]:
-    return request.param[0], run_at(*request.param)
-
-
-@pytest.mark.xdist_group("stiff-and-soft")
+@pytest.mark.xdist_group("demo")  # one process runs the demo once
 def test_impedance_presses_less_than_position() -> None:
     """The peak force is lower than in position mode, or equals the peak of the finger's impact, which occurs
     before any robot can respond."""
-    position, impedance = (run_at(50.0, mode).trials for mode in (Mode.POSITION, Mode.IMPEDANCE))
+    position = [trial for trial in demo().trials if trial.side == "left"]
+    impedance = trials_at(50.0, Mode.IMPEDANCE)
     ratios = {name: [] for name in ROBOTS}
     for stiff, soft in zip(position, impedance, strict=True):
         assert (stiff.robot, stiff.side, stiff.site) == (soft.robot, soft.side, soft.site)
@@ -86,10 +79,27 @@ def test_impedance_presses_less_than_position() -> None:
         assert np.mean(ratios[name]) < 0.98
 
 
-def test_every_trial_meets_its_figures(report: tuple[float, Report]) -> None:
-    rate, result = report
-    assert len(result.trials) == 2 * 2 * 5
-    for trial in result.trials:
+@pytest.mark.xdist_group("demo")
+def test_every_trial_of_the_demo_meets_its_figures() -> None:
+    assert len(demo().trials) == 2 * 2 * 5
+    assert_figures(demo().trials, first_motion_ms=43.0)
+
+
+@pytest.mark.parametrize(
+    ("rate", "mode"),
+    [
+        pytest.param(*case, marks=pytest.mark.xdist_group("demo")) if case[1] is Mode.IMPEDANCE else case
+        for case in OTHERS
+    ],
+)
+def test_every_trial_meets_its_figures(rate: float, mode: Mode) -> None:
+    trials = trials_at(rate, mode)
+    assert len(trials) == 2 * 5
+    assert_figures(trials, first_motion_ms=43.0 if rate == 50.0 else 33.0)
+
+
+def assert_figures(trials: Sequence[Trial], *, first_motion_ms: float) -> None:
+    for trial in trials:
         assert trial.responded, trial
         assert trial.contact_lost_ms is not None, trial
         assert trial.contact_lost_ms <= 500.0, trial
@@ -98,13 +108,14 @@ def test_every_trial_meets_its_figures(report: tuple[float, Report]) -> None:
         assert trial.limit_violations == 0, trial.violations
         assert not trial.halts
         assert trial.first_motion_ms is not None, trial
-        assert trial.first_motion_ms <= (43.0 if rate == 50.0 else 33.0), trial
+        assert trial.first_motion_ms <= first_motion_ms, trial
         assert trial.cop_error_mm is not None, trial
         assert trial.cop_error_mm <= 1.0, trial
 
 
-def test_the_same_stimulus_gets_the_same_answer(report: tuple[float, Report]) -> None:
-    same = report[1].same_stimulus
+@pytest.mark.xdist_group("demo")
+def test_the_same_stimulus_gets_the_same_answer() -> None:
+    same = demo().same_stimulus
     assert same.max_generic_difference_rad <= 1e-9
     assert same.hand_direction_deg.keys() == {field.name for field in FIELDS}
     assert max(same.hand_direction_deg.values()) <= 10.0

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from helpers.pressing import SHORT_POKE
 from tci.body.generic_body import GenericBody
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.lab.experiments.experiment import trials_of
-from tci.lab.experiments.poke import Stimulus
 from tci.lab.experiments.same_stimulus import same_stimulus
 from tci.robot.catalogue import load_robot
 
@@ -18,7 +18,7 @@ TRAVELS = {"talos"}
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_demo_passes(name: str) -> None:
-    trials = list(trials_of(load_robot(name), WithdrawalReflex(), stimulus=Stimulus(), seed=3))
+    trials = list(trials_of(load_robot(name), WithdrawalReflex(), stimulus=SHORT_POKE, seed=3))
     assert len(trials) == 10
     for trial in trials:
         assert trial.responded, trial

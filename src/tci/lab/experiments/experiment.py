@@ -35,9 +35,15 @@ class Report:
 
 
 def trials_of(
-    robot: Robot, reflex: WithdrawalReflex, *, stimulus: Stimulus, seed: int, via: str | None = None
+    robot: Robot,
+    reflex: WithdrawalReflex,
+    *,
+    stimulus: Stimulus,
+    seed: int,
+    via: str | None = None,
+    sides: Sequence[str] = SIDES,
 ) -> Iterator[Trial]:
-    """Pokes the centre of every receptive field of `reflex` on both arms of one robot, with and without the
+    """Pokes the centre of every receptive field of `reflex` on the arms of one robot, with and without the
     reflex.
 
     In the trials without the reflex, the arms keep their posture in the control mode of `reflex`. If `via`
@@ -46,7 +52,7 @@ def trials_of(
     nothing = replace(reflex, fields=())
     world = World(robot, seed=seed)
     with RemoteTrial(robot, via, reflex) if via else nullcontext() as elsewhere:
-        for index, (side, site) in enumerate((side, site) for side in SIDES for site in reflex.fields):
+        for index, (side, site) in enumerate((side, site) for side in sides for site in reflex.fields):
             part = f"{side}_arm"
             held = poke(world, part, site, stimulus, reflex=nothing, seed=seed + index)
             acted = poke(world, part, site, stimulus, reflex=reflex, seed=seed + index, elsewhere=elsewhere)

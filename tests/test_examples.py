@@ -20,6 +20,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 SAID = {
     "01_five_lines": "nao: touched left_forearm (",
     "02_every_step": "left_arm withdraws",
+    "12_stepper": "951 periods, 0 perceptions were not read in time\nnao: touched left_forearm (",
     "10_test_a_capability": "0.04 s: [('right_forearm', 3.9, 1)], ended: ()\n0.06 s: [], ended: (1,)",
 }
 """Text that the output of an example contains, by the name of the example."""

@@ -23,7 +23,8 @@ from tci.gestures.gesture import Gesture, fit
 from tci.messages import JointReading, Landmark, LimbPlace, Mode, Perception, Reading, SkinFrame
 from tci.robot import initial_position
 from tci.skin import ContactSettings
-from tci.testing import PERIOD, TouchedRobot
+from tci.testing import TouchedRobot
+from tci.testing.touched_robot import PERIOD
 
 NAO = tci.load_robot("nao-whole")
 TOUCHES = (

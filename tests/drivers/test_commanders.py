@@ -1,4 +1,4 @@
-"""Arbitration between processes that command a served robot, with a manual clock."""
+"""The processes that command a served robot, with a manual clock."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tci
-from tci.drivers.remote.commanders import LEASE, CommandArbiter
+from tci.drivers.remote.commanders import LEASE, Commanders
 from tci.drivers.remote.protocol import MOST_COMMANDERS, Orders
 from tci.gate.gate import Gate, SafeCommand
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
@@ -23,7 +23,7 @@ class Robot:
     def __init__(self, silence: float = SILENCE) -> None:
         self.robot = tci.load_robot("nao")
         self.clock = ManualClock(100.0)
-        self.commanders = CommandArbiter(self.robot, SESSION, silence, self.clock.now)
+        self.commanders = Commanders(self.robot, SESSION, silence, self.clock.now)
         self.gate = Gate(self.robot, period=0.002, stale_after=1.0)
         self.readings = 0
         self.numbers: dict[int, int] = {}

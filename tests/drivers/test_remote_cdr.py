@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from helpers.remote_messages import COUNT, FRAME, NAO, ORDERS, READ, STATE, WHOLE, plain
-from tci.drivers.remote.commanders import CommandArbiter
+from tci.drivers.remote.commanders import Commanders
 from tci.drivers.remote.encoding import (
     ENVELOPE,
     orders_bytes,
@@ -120,7 +120,7 @@ def test_31_words_of_others_can_be_printed_and_are_bounded() -> None:
 
 def test_33_what_many_commanders_are_refused_fits_in_a_state() -> None:
     now = 1.0
-    everybody = CommandArbiter(NAO, 7, 1.0, lambda: now)
+    everybody = Commanders(NAO, 7, 1.0, lambda: now)
     order = PlatformSwitch(np.full(10_000, 99_999), Mode.POSITION)
     for client in range(1, MOST_COMMANDERS + 1):
         everybody.receive(

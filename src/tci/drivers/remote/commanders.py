@@ -1,4 +1,4 @@
-"""Arbitration between processes that command a served robot.
+"""The processes that command a served robot.
 
 Stale messages are dropped, each joint is granted to only one process, and each order is executed only once.
 """
@@ -38,8 +38,8 @@ class _Member:
     """Indices of the servos that only this process may command."""
 
 
-class CommandArbiter:
-    """Arbiter between the processes (commanders) that command one robot.
+class Commanders:
+    """The processes (commanders) that command one robot, and who may move which joint.
 
     Every message of a commander is the reply to a state of the robot. A message is accepted only if
 

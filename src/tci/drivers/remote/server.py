@@ -8,7 +8,7 @@ from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 
 from tci.drivers.driver import Driver
-from tci.drivers.remote.commanders import CommandArbiter
+from tci.drivers.remote.commanders import Commanders
 from tci.drivers.remote.protocol import Orders, State
 from tci.drivers.server import Server
 from tci.gate.safe_command import SafeCommand
@@ -28,8 +28,8 @@ class RemoteServer(Server):
         self.number = secrets.randbits(62) + 1
         """Session number: a random number, new for each server."""
         silence = driver.robot.binding(middleware).stale_after
-        self.commanders = CommandArbiter(driver.robot, self.number, silence)
-        """Arbiter between the processes that command the robot."""
+        self.commanders = Commanders(driver.robot, self.number, silence)
+        """The processes that command the robot."""
         self._sequence = 0
         self._shown: dict[str, int] = {}
 

@@ -180,6 +180,14 @@ def work() -> None:
 def _length(loop: Any) -> int:
     """Returns a measure of the compile time of a loop: the length [bytes] of its bytecode and of the bytecode
     of all loops that are inserted into it."""
-    function = loop.py_func
-    inserted = (function.__globals__.get(name) for name in function.__code__.co_names)
-    return len(function.__code__.co_code) + sum(_length(one) for one in inserted if hasattr(one, "py_func"))
+    found, look = set[Any](), [loop]
+    while look:
+        function = look.pop().py_func
+        if function not in found:  # an attribute may have the name of a loop, even of the one that reads it
+            found.add(function)
+            look += filter(_is_loop, (function.__globals__.get(name) for name in function.__code__.co_names))
+    return sum(len(function.__code__.co_code) for function in found)
+
+
+def _is_loop(one: object) -> bool:
+    return hasattr(one, "py_func")

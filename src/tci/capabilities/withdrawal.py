@@ -196,16 +196,16 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         surround = self.surround or ()
         nearest, gains = np.empty((RANKS, len(contacts)), np.int64), np.empty((RANKS, len(contacts)))
         cosine = self.distance_discount == "cosine"
-        table = segments_of(contacts), contacts.rows, contacts.begin, contacts.taxel_rows
+        sites = [contacts.sites[site] for site in contacts.site.tolist()]
+        table = segments_of(sites), contacts.rows, contacts.begin, contacts.taxel_rows
         _find_answers(*self._tables, cosine, *table, nearest, gains)
         wide = [one.name for one in surround]
         narrow = [part for part, one in memory.motions.items() if one.field.name not in wide]
-        parts = [contacts.sites[site].part for site in contacts.site.tolist()]
         wishes: dict[str, list[Wish[ReceptiveField]]] = {}
         for rank, (own, found) in enumerate(zip(nearest.tolist(), gains.tolist(), strict=True)):
             fields = surround if rank else self.fields
             for contact, gain in enumerate(found):
-                part = parts[contact]
+                part = sites[contact].part
                 if gain > 0.0 and not (rank and part in narrow):
                     wish = Wish(fields[own[contact]], gain, contact, rank)
                     wishes.setdefault(part, []).append(wish)

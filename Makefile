@@ -9,7 +9,7 @@ OUT ?= out
 # makes robots hold.
 LIVE ?= $(shell n=$$(($$(nproc 2>/dev/null || echo 2) * 3)); echo $$((n < 8 ? n : 8)))
 
-.PHONY: help demo test test-real peers loops quick lint docs pictures bench middleware soak fuzz reliability lock lowest clean run-env dev-env
+.PHONY: help demo test test-real peers loops quick lint docs pictures bench middleware soak fuzz reliability release-check lock lowest clean run-env dev-env
 
 help:  ## show this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 8
@@ -43,10 +43,11 @@ quick: dev-env  ## lint, types and the tests of what changed since main, within 
 test-real: dev-env  ## tests on genuine skin files and recordings (DATA=FOLDER, not part of this repository)
 	@$(VENV)/python -m pytest -q -n logical --maxprocesses 8 --dist loadgroup -m data --data="$(DATA)"
 
-lint: dev-env  ## ruff and strict types
+lint: dev-env  ## ruff, strict types, and the types that users see
 	@$(VENV)/ruff check .
 	@$(VENV)/ruff format --check .
 	@$(VENV)/mypy
+	@$(VENV)/python tools/user_types.py
 
 docs: dev-env  ## build the documentation; a warning is an error
 	@$(VENV)/python -m sphinx -q -W --keep-going -b html docs docs/_build/html
@@ -73,6 +74,9 @@ fuzz: dev-env  ## all that reads foreign bytes: coverage-guided (TCI_SECONDS eac
 
 reliability: dev-env  ## the scoreboard of docs/reliability.md (FULL=1: full size); writes reliability.json
 	@OUT="$(OUT)" FULL=$(FULL) ROWS="$(ROWS)" PAGE=$(PAGE) $(VENV)/python tools/reliability
+
+release-check: dev-env  ## build, install the sdist in empty environments, run the README (PYTHONS="python3.11 python3.12")
+	@$(VENV)/python tools/release_check.py $(PYTHONS)
 
 lock:  ## renew requirements/*.txt (needs uv)
 	uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \

@@ -9,7 +9,9 @@ from tci.robot import KinematicChain, initial_position
 robot = tci.load_robot("nao")
 facts = query(robot)
 for limits in facts.generic_limits["left_arm"]:
-    print(f"{limits.joint:>15}: {np.rad2deg(limits.lower):7.1f} .. {np.rad2deg(limits.upper):6.1f} degrees")
+    if limits.lower is not None and limits.upper is not None:  # None: the robot has no such joint
+        low, high = np.rad2deg([limits.lower, limits.upper])
+        print(f"{limits.joint:>15}: {low:7.1f} .. {high:6.1f} degrees")
 
 kinematics = KinematicChain(robot)
 hand = kinematics.poses(initial_position(robot), ["LHand"])["LHand"]  # T_TL (4, 4), in the torso frame

@@ -38,7 +38,7 @@ if __name__ == "__main__":
     for name in ("nao", "icub"):
         robot = tci.load_robot(name)
         with tci.connect(robot, "sim") as driver:
-            rolls = []
+            rolls: list[float] = []
 
             def watch(tick, world=driver.world, rolls=rolls):
                 rolls.append(tick.perception.posture["left_arm"][1])

@@ -33,7 +33,7 @@ last = ""
 def tell(tick: tci.Tick) -> None:
     global last
     for command in tick.commands:
-        if command.part != last:
+        if isinstance(command, tci.GenericCommand) and command.part != last:
             last = command.part
             print(f"{tick.now:.3f} s: {last}")
 

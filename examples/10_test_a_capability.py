@@ -11,6 +11,7 @@ nothing, memory = reflex.step(reflex.init(robot.body), robot.perceive(), robot.b
 assert nothing == ()
 
 (command,), memory = reflex.step(memory, robot.perceive("left_forearm", force=4.0), robot.body)
+assert isinstance(command, tci.GenericCommand)
 assert command.part == "left_arm"
 print("touched on its left forearm it wants", np.round(np.rad2deg(command.values), 1), "degrees")
 

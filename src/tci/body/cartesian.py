@@ -8,6 +8,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tci.body.posture import speeds_of
 from tci.errors import CommandError, DescriptionError
@@ -73,25 +74,26 @@ class Reach:
             robot, self._kinematics, self._link, point=self._tip, servos=servos, settings=SETTINGS
         )
 
-    def place(self, position: Array) -> Array:
+    def place(self, position: ArrayLike) -> Array:
         """Returns the position (3,) [`unit`] of the point at servo angles `position` (n_servos,) [rad]."""
         T_TL = self._kinematics.poses(position, [self._link])[self._link]
         return read_only(self._rotation.T @ (apply(T_TL, self._tip) - self._origin) / self.length)
 
-    def solve(self, target: Array, position: Array) -> tuple[Array, float]:
+    def solve(self, target: ArrayLike, position: ArrayLike) -> tuple[Array, float]:
         """Returns servo angles (n_servos,) [rad] that bring the point as near as possible to `target` (3,),
         and the remaining distance [m]. The attribute `unit` is the unit of the target: metres or arm lengths.
 
         The angles are within limits and couplings. If there are several solutions, a solution near `position`
         (n_servos,) [rad] is preferred. Raises CommandError if the target has another shape or is not finite.
         """
-        if np.shape(target) != (3,) or not np.isfinite(target).all():
+        target = np.asarray(target, np.float64)
+        if target.shape != (3,) or not np.isfinite(target).all():
             raise CommandError(f"place {target} of {self.part.name}; valid: 3 finite numbers [{self.unit}]")
         p_T = self._origin + self._rotation @ target * self.length
         answer = self._inverse.solve(p_T, position)
         return answer.position, answer.error
 
-    def speeds(self, start: Array, end: Array) -> Array:
+    def speeds(self, start: ArrayLike, end: ArrayLike) -> Array:
         """Returns the speed limits (k,) [rad/s] of the part's servos on the way from `start` to `end`.
 
         Both postures are servo angles (n_servos,) [rad]. The limits follow from the speed limits of the
@@ -99,6 +101,7 @@ class Reach:
         further, so that the actuator's point does not exceed it. This assumes that all servos move at speeds
         proportional to their distances.
         """
+        start, end = np.asarray(start, np.float64), np.asarray(end, np.float64)
         limits = self._joints.speeds(start)
         if self.actuator.speed is None:
             return limits

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tci.body.cartesian import Reach, cartesian_to_platform, reach_of
 from tci.body.coverage import Coverage
@@ -27,6 +27,7 @@ from tci.messages import (
     Landmark,
     LimbPlace,
     Mode,
+    ModeLike,
     Order,
     Perception,
     PlatformCommand,
@@ -40,6 +41,7 @@ from tci.reasons import Reason
 from tci.robot.description import Kind, Robot
 from tci.robot.joint_calibration import JointCalibration
 from tci.robot.joint_map import JointMap, generic_posture, joint_map
+from tci.robot.like import RobotLike, as_robot
 from tci.robot.skin_files.calibration import SkinCalibration
 from tci.skin.conditioning import ConditioningSettings
 from tci.skin.contacts import ContactSettings
@@ -65,7 +67,7 @@ class BodySettings:
     into the folder of the description is used, if this file exists."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class GenericBody:
     """The generic interface to one robot: computes geometry for perceptions, and converts generic commands to
     joint commands.
@@ -75,34 +77,37 @@ class GenericBody:
     """
 
     robot: Robot
-    settings: BodySettings = field(default_factory=BodySettings)
-    skin: Skin = field(init=False, repr=False)
+    settings: BodySettings
+    skin: Skin
     """Skin of the robot: surfaces with the positions of the taxels."""
-    layout: SkinLayout = field(init=False, repr=False)
+    layout: SkinLayout
     """Arrays with the data of all taxels. The order of the taxels is that in the arrays of a perception."""
-    joint_maps: Mapping[str, JointMap] = field(init=False, repr=False)
+    joint_maps: Mapping[str, JointMap]
     """Transforms between generic joints and servos, by name of the generic part."""
-    _parts: Mapping[Kind, tuple[str, ...]] = field(init=False, repr=False)
-    _has_joint: Mapping[str, NDArray[np.bool_]] = field(init=False, repr=False)
-    _landmarks: Landmarks = field(init=False, repr=False)
-    _stability: StaticStability = field(init=False, repr=False)
-    _retreat: Retreat = field(init=False, repr=False)
-    _coverage: Coverage = field(init=False, repr=False)
+    _parts: Mapping[Kind, tuple[str, ...]]
+    _has_joint: Mapping[str, NDArray[np.bool_]]
+    _landmarks: Landmarks
+    _stability: StaticStability
+    _retreat: Retreat
+    _coverage: Coverage
 
-    def __post_init__(self) -> None:
+    def __init__(self, robot: RobotLike, settings: BodySettings | None = None) -> None:
         """Builds all tables that depend only on the robot.
 
         Raises DescriptionError for a model or a skin that can't be used, and TciError for a calibration that
         does not fit the robot.
         """
-        skin, robot = Skin(self.robot), self.robot
+        robot, settings = as_robot(robot), settings or BodySettings()
+        skin = Skin(robot)
         landmarks = Landmarks(skin)
         kinds = {one.kind: tuple(p.name for p in robot.parts if p.kind == one.kind) for one in robot.parts}
         has = {
             part.name: read_only([j.servo is not None for j in part.servos], np.bool_) for part in robot.parts
         }
-        layout = SkinLayout.of_robot(robot, self.settings.calibration)
+        layout = SkinLayout.of_robot(robot, settings.calibration)
         self._set(
+            robot=robot,
+            settings=settings,
             skin=skin,
             layout=layout,
             joint_maps=MappingProxyType({part.name: joint_map(robot, part.name) for part in robot.parts}),
@@ -117,6 +122,11 @@ class GenericBody:
     def _set(self, **fields: Any) -> None:
         for name, value in fields.items():
             object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        parts = ", ".join(self._has_joint)
+        taxels = sum(len(self.skin.surfaces[patch.name].positions) for patch in self.robot.skin)
+        return f"GenericBody({self.robot.name!r}: {parts}; {taxels} taxels)"
 
     def __reduce__(self) -> tuple[type[GenericBody], tuple[Robot, BodySettings]]:
         return type(self), (self.robot, self.settings)
@@ -203,8 +213,8 @@ class GenericBody:
         self,
         perception: Perception,
         part: str,
-        target: Array,
-        mode: Mode = Mode.POSITION,
+        target: ArrayLike,
+        mode: ModeLike = Mode.POSITION,
         *,
         driven: bool = False,
     ) -> Array:
@@ -216,29 +226,28 @@ class GenericBody:
         see `Retreat.along`. `driven` is True for a capability that commands a velocity in each period. The
         motion respects the robot's limits in `mode`.
         """
-        position = _joints(perception).position
-        return self._retreat.along(position, perception.contacts, part, target, mode, driven=driven)
+        position, goal = _joints(perception).position, np.asarray(target, np.float64)
+        return self._retreat.along(position, perception.contacts, part, goal, Mode.of(mode), driven=driven)
 
-    def retreat_at_ends(self, perception: Perception, part: str, targets: Array) -> Array:
+    def retreat_at_ends(self, perception: Perception, part: str, targets: ArrayLike) -> Array:
         """Returns the normal and the tangential displacement (2, m, c) [m] of c contact points at the ends of
         m motions of `part`.
 
         The motions go to the rows of `targets` (m, n) [rad]. The result equals the first two rows that
         `retreat` returns for the end of a motion, but needs much less computing time.
         """
-        return self._retreat.at_ends(_joints(perception).position, perception.contacts, part, targets)
+        position, goals = _joints(perception).position, np.asarray(targets, np.float64)
+        return self._retreat.at_ends(position, perception.contacts, part, goals)
 
     def distance(self, contact: Contact, landmark: Landmark) -> float:
-        """Geodesic distance [m] along the skin between a contact and a landmark of its part; infinite if they
-        are on different patches."""
-        return self.distances(contact, [landmark])[0]
+        """Returns the geodesic distance [m] along the skin between a contact and a landmark of its part.
 
-    def distances(self, contact: Contact, landmarks: Sequence[Landmark]) -> list[float]:
-        """`distance` to several landmarks, in less time."""
-        return self._landmarks.distances(contact, landmarks)
+        The distance is infinite if contact and landmark are on different patches.
+        """
+        return self._landmarks.distance(contact, landmark)
 
     def coverage(
-        self, perception: Perception, part: str, places: Sequence[LimbPlace | Landmark], radius: Array
+        self, perception: Perception, part: str, places: Sequence[LimbPlace | Landmark], radius: ArrayLike
     ) -> Array:
         """Returns, for each place of a part, the fraction (m,) of trusted taxels among the taxels within
         `radius` (m,).
@@ -249,12 +258,13 @@ class GenericBody:
         masked = None if perception.skin is None else perception.skin.masked
         if masked is None:
             return np.ones(len(places))
-        return self._coverage.shares(masked, _joints(perception), part, places, radius)
+        return self._coverage.shares(masked, _joints(perception), part, places, np.asarray(radius))
 
-    def support(self, perception: Perception, leg: str, target: Array) -> Support:
+    def support(self, perception: Perception, leg: str, target: ArrayLike) -> Support:
         """Returns the forces on the soles now, and the stability margin after a motion of `leg` to generic
         angles `target` (n,) [rad]."""
-        return self._stability.support(perception.contacts, _joints(perception).position, leg, target)
+        position = _joints(perception).position
+        return self._stability.support(perception.contacts, position, leg, np.asarray(target, np.float64))
 
     def to_platform(
         self, orders: Iterable[Order] | Order, joints: JointReading

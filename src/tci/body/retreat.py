@@ -8,15 +8,16 @@ acceleration. Displacements are relative to the robot's root, since the torso ma
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tci.body.kernels.goals import Within, keep_within
 from tci.body.kernels.rest_to_rest import TIMES, Speeds, predict
-from tci.body.kernels.retreat import Chain, Room, retreats
+from tci.body.kernels.retreat import Chain, Room, Touched, retreats
 from tci.errors import CommandError, UnknownNameError
-from tci.gate.bounds import bounds_of
+from tci.gate.bounds import Bounds, bounds_of
+from tci.gate.kernels.couplings import shift
 from tci.messages import Contacts, Mode
 from tci.messages.frames import Array, frozen, read_only
 from tci.robot.description import Robot
@@ -25,7 +26,7 @@ from tci.skin.layout import SkinLayout
 from tci.skin.skin import Skin
 from tci.support.compiled import entry
 
-_keep_within, _predict, _retreats = entry(keep_within), entry(predict), entry(retreats)
+_predict, _retreats = entry(predict), entry(retreats)
 AHEAD = 0.1
 """In velocity mode, the target of a prediction is the posture that the velocity reaches after this time [s].
 Assumed: the next skin frame comes much sooner."""
@@ -116,8 +117,11 @@ class Retreat:
             _retreats(
                 self._chain.extended(way),
                 self._links,
-                read_only(after, np.int64),
-                contacts.rows,
+                Touched(
+                    read_only(after, np.int64),
+                    np.ascontiguousarray(contacts.p_L, np.float64),
+                    np.ascontiguousarray(contacts.n_L, np.float64),
+                ),
                 self._layout,
                 radius,
                 Room(
@@ -141,15 +145,22 @@ class _Part:
     """What the motion of one generic part with k servos depends on."""
 
     joints: JointMap
-    within: Within
-    most: Speeds
-    steady: bool
-    """True if the speeds that the joints permit are the same in all postures, and included in `most`."""
+    bounds: Bounds
+    outside: Array
+    """Coefficients (m, n_servos) of the servos of other parts in the m couplings that limit this part."""
+    free: NDArray[np.bool_]
+    """Mask (k,) of the servos that a coupling may turn aside: here all."""
 
     def goal(self, target: Array, position: Array) -> Array:
         """Servo angles (k,) [rad] for generic angles `target` (n,) [rad], within limits and couplings."""
-        goal = self.joints.to_robot(target, position)
-        _keep_within(position, self.within, goal, np.empty((2, len(self.within.outside))))
+        bounds, wanted = self.bounds, self.joints.to_robot(target, position)
+        goal: Array = np.minimum(np.maximum(wanted, bounds.lower), bounds.upper)
+        if len(self.outside):
+            lower, upper = np.empty_like(bounds.coupling_lower), np.empty_like(bounds.coupling_upper)
+            shift(self.outside, position, bounds.coupling_lower, bounds.coupling_upper, lower, upper)
+            sums = bounds.coupling @ goal
+            if not ((sums >= lower) & (sums <= upper)).all():
+                goal = replace(bounds, coupling_lower=lower, coupling_upper=upper).nearest(goal, self.free)
         return goal
 
     def driven_goal(self, target: Array, position: Array) -> Array | None:
@@ -158,45 +169,29 @@ class _Part:
 
         Near a singular posture of a shoulder, these angles differ much from the angles for `target`.
         """
-        joints, within = self.joints, self.within
+        joints, bounds = self.joints, self.bounds
         try:
             moved = joints.per_servo((target - joints.to_generic(position))[joints.ids], position)
         except (CommandError, np.linalg.LinAlgError):
             return None
-        most = AHEAD * np.minimum(self.most.velocity, joints.driven_speeds(position))
+        most = AHEAD * np.minimum(bounds.velocity, joints.driven_speeds(position))
         moved /= max(1.0, float(np.max(np.abs(moved) / most, initial=0.0)))
-        ends: Array = np.clip(position[joints.servos] + moved, within.lower, within.upper)
+        ends: Array = np.clip(position[joints.servos] + moved, bounds.lower, bounds.upper)
         return ends
 
     def speeds(self, position: Array) -> Speeds:
         """Limits of the servos while they are at `position` (n_servos,) [rad]."""
-        if self.steady:
-            return self.most
-        return self.most._replace(
-            velocity=frozen(np.minimum(self.most.velocity, self.joints.speeds(position)))
-        )
+        fastest = np.minimum(self.bounds.velocity, self.joints.speeds(position))
+        return Speeds(frozen(fastest), self.bounds.acceleration, self.bounds.jerk)
 
 
 def _part(robot: Robot, name: str) -> _Part:
     joints = joint_map(robot, name)
     bounds, outside = bounds_of(robot, joints.servos.tolist(), speed_share=1.0)
-    within = Within(
-        _known(bounds.lower, -np.inf),
-        _known(bounds.upper, np.inf),
-        read_only(bounds.coupling),
-        read_only(bounds.coupling_lower),
-        read_only(bounds.coupling_upper),
-        read_only(outside),
-        read_only(np.ones(len(joints.servos)), np.bool_),
-    )
-    limits = bounds.velocity, bounds.acceleration, bounds.jerk
-    most = Speeds(*[_known(limit, UNKNOWN) for limit in limits])
-    steady = all(transform.steady for transform in joints.transforms)
-    if steady:
-        fastest = np.minimum(most.velocity, joints.speeds(np.zeros(len(robot.servos))))
-        most = most._replace(velocity=frozen(fastest))
-    return _Part(joints, within, most, steady)
-
-
-def _known(limits: Array, unknown: float) -> Array:
-    return frozen(np.where(np.isnan(limits), unknown, limits))
+    unlimited = {"lower": -np.inf, "upper": np.inf, "velocity": UNKNOWN, "acceleration": UNKNOWN,
+                 "jerk": UNKNOWN}  # fmt: skip
+    known = {
+        name: frozen(np.where(np.isnan(limit := getattr(bounds, name)), most, limit))
+        for name, most in unlimited.items()
+    }
+    return _Part(joints, replace(bounds, **known), outside, np.ones(len(joints.servos), np.bool_))

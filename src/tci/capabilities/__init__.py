@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from tci.capabilities.soft_reaction import SoftReaction as SoftReaction
     from tci.capabilities.withdrawal import Answer as Answer
     from tci.capabilities.withdrawal import WithdrawalReflex as WithdrawalReflex
-    from tci.capabilities.withdrawal_memory import Refusal as Refusal
-    from tci.capabilities.withdrawal_memory import Withdrawal as Withdrawal
     from tci.capabilities.withdrawal_memory import Withdrawals as Withdrawals
     from tci.capabilities.wrapper import CapabilityWrapper as CapabilityWrapper
 else:

@@ -17,7 +17,7 @@ from tci.body.retreat import AHEAD
 from tci.capabilities.capability import Capability
 from tci.capabilities.retreat import why_not
 from tci.errors import TciError
-from tci.messages import Command, GenericCommand, Mode, Perception, SwitchMode
+from tci.messages import Command, GenericCommand, Mode, ModeLike, Perception, SwitchMode
 from tci.messages.frames import Array, read_only
 
 MODES = (Mode.VELOCITY, Mode.TORQUE)
@@ -56,7 +56,7 @@ class SoftReaction(Capability[Postures]):
 
     parts: tuple[str, ...] = ("left_arm", "right_arm")
     """Generic parts that yield."""
-    mode: Mode = Mode.VELOCITY
+    mode: ModeLike = Mode.VELOCITY
     """Control mode: velocity or torque. Use torque mode only on a robot that compensates gravity itself."""
     mobility: float = 3.0
     """In velocity mode: commanded velocity divided by the torque of the touch [rad/s per N m]."""
@@ -71,10 +71,11 @@ class SoftReaction(Capability[Postures]):
     """Smallest force [N] of a contact to which a part yields."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mode", Mode.of(self.mode))
-        if self.mode not in MODES:
-            valid = ", ".join(mode.value for mode in MODES)
-            raise TciError(f"soft reaction: mode {self.mode.value}; valid: {valid}")
+        mode = Mode.of(self.mode)
+        object.__setattr__(self, "mode", mode)
+        if mode not in MODES:
+            valid = ", ".join(one.value for one in MODES)
+            raise TciError(f"soft reaction: mode {mode.value}; valid: {valid}")
         for name in ("mobility", "gain", "stiffness", "damping", "threshold"):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise TciError(f"soft reaction: {name} {getattr(self, name)}; valid: 0 or more, finite")
@@ -122,7 +123,7 @@ class SoftReaction(Capability[Postures]):
                     body,
                     part,
                     target,
-                    mode=self.mode,
+                    mode=Mode.of(self.mode),
                     answers=answers,
                     least=0.0,
                     driven=self.mode is Mode.VELOCITY,

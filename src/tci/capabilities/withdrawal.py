@@ -30,6 +30,7 @@ from tci.messages import (
     GenericCommand,
     LimbPlace,
     Mode,
+    ModeLike,
     Perception,
     SwitchMode,
 )
@@ -81,7 +82,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     distance_discount: Literal["linear", "cosine"] = "linear"
     """Form of psi in eq. 5: 1 - d / r, or cos^2(pi d / 2 r), with the distance d from the field's centre and
     the field's radius r."""
-    mode: Mode = Mode.POSITION
+    mode: ModeLike = Mode.POSITION
     """Control mode of the arms. The target posture is equal in all three modes. In impedance mode the arms
     are soft: a touched arm first yields to the touch, and then withdraws."""
     approach: float = 0.08
@@ -101,16 +102,17 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         surround = tuple(surround) if self.fields else ()
         object.__setattr__(self, "surround", surround)
         object.__setattr__(self, "_tables", (field_table(self.fields), field_table(surround)))
-        object.__setattr__(self, "mode", Mode.of(self.mode))
+        mode = Mode.of(self.mode)
+        object.__setattr__(self, "mode", mode)
         if not 0.0 < self.refractory < np.inf:
             raise TciError(f"withdrawal: refractory {self.refractory} s; valid: above 0 and finite")
         if self.distance_discount not in DISCOUNTS:
             raise TciError(
                 f"withdrawal: distance_discount {self.distance_discount!r}; valid: {', '.join(DISCOUNTS)}"
             )
-        if self.mode not in MODES:
-            valid = ", ".join(mode.value for mode in MODES)
-            raise TciError(f"withdrawal: mode {self.mode.value}; valid: {valid}")
+        if mode not in MODES:
+            valid = ", ".join(one.value for one in MODES)
+            raise TciError(f"withdrawal: mode {mode.value}; valid: {valid}")
         if not 0.0 < self.approach < np.inf:
             raise TciError(f"withdrawal: approach {self.approach} s; valid: above 0 and finite")
         if not 0.0 < self.softness <= 1.0:
@@ -143,9 +145,10 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         Raises CommandError if a touched part does not have the five joints of a base motion.
         """
         wishes = self._wishes(memory, perception.contacts) if len(perception.contacts) else {}
-        after = withdraw_all(memory, wishes, perception, body, refractory=self.refractory, mode=self.mode)
-        if self.mode is not Mode.VELOCITY:
-            return new_targets(memory, after, self.mode), after
+        mode = Mode.of(self.mode)
+        after = withdraw_all(memory, wishes, perception, body, refractory=self.refractory, mode=mode)
+        if mode is not Mode.VELOCITY:
+            return new_targets(memory, after, mode), after
         velocities = {
             part: (one.target - perception.posture[part]) / self.approach for part, one in after.items()
         }
@@ -196,16 +199,16 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         surround = self.surround or ()
         nearest, gains = np.empty((RANKS, len(contacts)), np.int64), np.empty((RANKS, len(contacts)))
         cosine = self.distance_discount == "cosine"
-        sites = [contacts.sites[site] for site in contacts.site.tolist()]
-        table = segments_of(sites), contacts.rows, contacts.begin, contacts.taxel_rows
+        table = segments_of(contacts), contacts.rows, contacts.begin, contacts.taxel_rows
         _find_answers(*self._tables, cosine, *table, nearest, gains)
         wide = [one.name for one in surround]
         narrow = [part for part, one in memory.motions.items() if one.field.name not in wide]
+        parts = [contacts.sites[site].part for site in contacts.site.tolist()]
         wishes: dict[str, list[Wish[ReceptiveField]]] = {}
         for rank, (own, found) in enumerate(zip(nearest.tolist(), gains.tolist(), strict=True)):
             fields = surround if rank else self.fields
             for contact, gain in enumerate(found):
-                part = sites[contact].part
+                part = parts[contact]
                 if gain > 0.0 and not (rank and part in narrow):
                     wish = Wish(fields[own[contact]], gain, contact, rank)
                     wishes.setdefault(part, []).append(wish)

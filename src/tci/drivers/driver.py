@@ -18,7 +18,7 @@ from tci.drivers.info import DriverInfo
 from tci.drivers.lease import Lease, has_locks, held, lease
 from tci.errors import CommandError, DriverError, UnknownNameError
 from tci.gate.gate import Gate, SafeCommand
-from tci.messages import JointReading, Mode, PlatformCommand, Reading
+from tci.messages import JointReading, Mode, ModeLike, PlatformCommand, Reading
 from tci.messages.clock import Clock, ticks
 from tci.robot.description import Robot, Servo
 
@@ -41,6 +41,11 @@ class Driver(ABC):
         self._baton = Baton(info.robot.name)
         self._lease: Lease | None = None
         self._check_lease: Callable[[], None] | None = None
+
+    def __repr__(self) -> str:
+        reached = self.info.lease_name.partition(":")[0] if self.info.harmless else self.info.lease_name
+        may = ("armed" if self.armed else "read-only") if self._open else "closed"
+        return f"{type(self).__name__}({self.robot.name!r} by {reached}, {may}, {1.0 / self.period:.4g} Hz)"
 
     @property
     def robot(self) -> Robot:
@@ -247,7 +252,7 @@ class NativePart:
         return {servo.name: float(joints.position[servo.index]) for servo in self.servos}
 
     def command(
-        self, values: Mapping[str, float], *, mode: Mode = Mode.POSITION, speed: float = np.inf
+        self, values: Mapping[str, float], *, mode: ModeLike = Mode.POSITION, speed: float = np.inf
     ) -> PlatformCommand:
         """Returns a command for the gate. `values` maps the robot's own joint names to the commanded values
         ([rad] in position mode).
@@ -263,7 +268,7 @@ class NativePart:
                 raise UnknownNameError(f"joint of {self.name}", name, self._by_name)
         servos = np.array([self._by_name[name].index for name in values], dtype=np.intp)
         return PlatformCommand(
-            mode=mode,
+            mode=Mode.of(mode),
             servos=servos,
             values=np.array([float(value) for value in values.values()]),
             speed=np.full(len(servos), float(speed)),

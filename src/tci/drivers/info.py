@@ -11,6 +11,7 @@ from tci.gate.gate import Gate
 from tci.gate.settings import GateSettings
 from tci.messages.clock import Clock
 from tci.robot.description import Robot
+from tci.robot.like import RobotLike, as_robot
 
 STREAMS = "streams"
 """Key in `about` of `Gate.streams`, on which the gate's decisions depend."""
@@ -61,7 +62,7 @@ class DriverInfo:
     @classmethod
     def of(
         cls,
-        robot: Robot,
+        robot: RobotLike,
         middleware: str,
         *,
         clock: Clock,
@@ -81,6 +82,7 @@ class DriverInfo:
 
         Raises UnknownNameError if the robot has no binding to the middleware.
         """
+        robot = as_robot(robot)
         binding = robot.binding(middleware)
         gate = Gate(
             robot, period=period or 1.0 / binding.rate, stale_after=binding.stale_after, settings=settings,

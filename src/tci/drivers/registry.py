@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable
 from importlib.metadata import entry_points
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 from tci.drivers.combined import CombinedDriver
 from tci.drivers.combined_server import JOIN, CombinedServer
@@ -15,6 +15,9 @@ from tci.errors import DriverError, TciError, UnknownNameError
 from tci.robot.description import Robot
 from tci.robot.like import RobotLike, as_robot
 from tci.support.installed import needs
+
+if TYPE_CHECKING:
+    from tci.drivers.simulated import SimulatedDriver  # loads MuJoCo
 
 DRIVERS = "tci.drivers"
 SERVERS = "tci.servers"
@@ -47,6 +50,12 @@ def load_server(name: str) -> Callable[..., Server]:
     return factory
 
 
+@overload
+def connect(
+    robot: RobotLike, via: Literal["sim"] = "sim", *, arm: bool | None = None, **options: Any
+) -> SimulatedDriver: ...
+@overload
+def connect(robot: RobotLike, via: str, *, arm: bool | None = None, **options: Any) -> Driver: ...
 def connect(robot: RobotLike, via: str = "sim", *, arm: bool | None = None, **options: Any) -> Driver:
     """Opens a driver of `robot`, which may also be the name or path of a robot description.
 

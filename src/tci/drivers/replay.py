@@ -19,7 +19,7 @@ from tci.recording.importing import FROM_FILE
 from tci.recording.recorder import versions
 from tci.recording.recording import RecordedTick, Recording
 from tci.recording.schemas import same_decision
-from tci.robot.description import Robot
+from tci.robot.like import RobotLike, as_robot
 
 
 def changed_versions(then: str) -> list[str]:
@@ -53,12 +53,13 @@ class ReplayClock(SteppedClock):
 class ReplayDriver(Driver):
     """A driver that replays a recording instead of reading a robot."""
 
-    def __init__(self, robot: Robot, address: str = "", *, arm: bool = True) -> None:
+    def __init__(self, robot: RobotLike, address: str = "", *, arm: bool = True) -> None:
         """Opens the recording in the file `address`.
 
         Raises DriverError if the file does not exist, or if the recording contains another robot or another
         version of the robot's description. Raises RecordingError if the file is no recording.
         """
+        robot = as_robot(robot)
         if not address:
             raise DriverError("a replay needs a recording; valid: replay:FILE")
         try:

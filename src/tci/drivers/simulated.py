@@ -14,7 +14,7 @@ from tci.errors import DriverError, UnknownNameError
 from tci.gate.gate import SafeCommand
 from tci.messages import Mode, Reading, SkinFrame
 from tci.messages.clock import MonotonicClock, SteppedClock
-from tci.robot.description import Robot
+from tci.robot.like import RobotLike, as_robot
 from tci.simulation.world import World
 from tci.skin.send_on_delta import SendOnDelta
 
@@ -64,7 +64,7 @@ class SimulatedDriver(Driver):
 
     def __init__(
         self,
-        robot: Robot,
+        robot: RobotLike,
         address: str = "",
         *,
         arm: bool = True,
@@ -84,6 +84,7 @@ class SimulatedDriver(Driver):
         Raises DriverError if `address` is not empty, if the rate is invalid, or if both `world` and `options`
         are given. Raises UnknownNameError for an unknown option.
         """
+        robot = as_robot(robot)
         if address:
             raise DriverError(f"the simulation has no address; got {address!r}, valid: sim")
         if rate is not None and not 1.0 <= rate <= FASTEST:

@@ -21,6 +21,7 @@ from tci.exports.tree import KinematicLink, Matrix, links_of, rows, vector
 from tci.robot.description import Coupling, Description, GenericPart, GenericServo, Robot, Servo, Vector
 from tci.robot.joint_map import joint_map
 from tci.robot.kinematics import KinematicChain
+from tci.robot.like import RobotLike, as_robot
 from tci.skin.surfaces import Surface, build_surface
 
 CONVENTIONS: tuple[Convention, ...] = ("classic", "modified")
@@ -152,8 +153,9 @@ class RobotFacts(Description):
     see `default_fields`."""
 
 
-def query(robot: Robot) -> RobotFacts:
+def query(robot: RobotLike) -> RobotFacts:
     """Returns all facts of a robot. Raises DescriptionError if the kinematic model can't be read."""
+    robot = as_robot(robot)
     model = robot.model is not None
     ends = ends_of(robot) if model else {}
     return RobotFacts(

@@ -13,12 +13,13 @@ from tci.errors import DescriptionError, Fault
 from tci.exports.tree import KinematicLink, links_of
 from tci.messages.frames import Array
 from tci.robot.description import Robot
+from tci.robot.like import RobotLike, as_robot
 
 TORSO = "tci_torso"
 """Name of the additional link, whose frame is the torso frame."""
 
 
-def to_urdf(robot: Robot) -> str:
+def to_urdf(robot: RobotLike) -> str:
     """Returns URDF text with links, joints, inertias, and an additional link for the torso frame.
 
     The joints' names come from the model, and their limits come from the robot's description. A revolute
@@ -26,6 +27,7 @@ def to_urdf(robot: Robot) -> str:
     joints that URDF can't express: a joint with an axis that does not pass through its link's origin, or a
     prismatic joint without limits.
     """
+    robot = as_robot(robot)
     root = E.robot(name=robot.name)
     links = links_of(robot)
     roots = [link for link in links if not link.parent]

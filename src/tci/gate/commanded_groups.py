@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import is_
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,9 @@ from tci.messages.frames import Array, frozen
 from tci.reasons import Reason
 from tci.robot.description import Robot
 
+FOUND = 64
+"""Largest number of cached sets of servos. Assumed: behaviours command whole robot parts, so only a few
+different sets occur."""
 YIELDED = float(np.deg2rad(1.0))
 """Distance [rad] from its moving equilibrium above which a compliant servo has yielded to a force. Assumed: a
 servo in motion lags by less, and a stiff servo that starts at this distance does not jolt."""
@@ -35,9 +39,11 @@ class CommandedGroups:
         self._group_of = groups_of(robot)
         self._chains: dict[int, JointGroup] = {}
         self.chains: list[JointGroup]
-        """All groups, in the order in which `reference` has their servos."""
+        """All groups. The method `reference` returns the servos in the order of this list. When a group
+        changes, a new list replaces this list."""
         self.count: int
         """Number of servos that the groups move."""
+        self._found: dict[bytes, tuple[Mode, list[JointGroup]]] = {}
         self._others: dict[int, list[JointGroup]] = {}
         self.modes = [servo.modes[0] for servo in robot.servos]
         """Control mode of every servo."""
@@ -48,7 +54,8 @@ class CommandedGroups:
         self.body = None if body is None else BodyGuard(body, period=period)
         """Check for self-collision of the stops that the gate plans before each step; None if the check is
         disabled."""
-        self._loose: NDArray[np.intp] = np.zeros(0, np.intp)  # the servos in torque mode
+        self._shown: Reference | None = None
+        self._states: list[Array]
         self._note_change()
 
     def look(self, measured: Array) -> None:
@@ -64,22 +71,44 @@ class CommandedGroups:
         self._note_change()
 
     def _note_change(self) -> None:
-        """Works out anew what depends on the groups and modes."""
+        """Deletes all cached results, because a group or a mode has changed."""
         self.chains = list(self._chains.values())
         self._leaning = [chain for chain in self.chains if chain.leans]
         self.count = sum(len(chain.servos) for chain in self.chains)
+        self._shown_of: list[JointGroup] | None = None
+        self._found.clear()
         self._others.clear()
-        self._servos = frozen(np.concatenate([*(chain.index for chain in self.chains), self._loose]))
-        self._modes = tuple([self.modes[servo] for servo in self._servos.tolist()])
 
-    def reference(self) -> Reference:
-        """Present references of the servos under command. The servos in torque mode come last, with their
-        measured angles as references."""
-        states = [chain.limiter.whole_state[:2] for chain in self.chains]
-        if self._loose.size:
-            states.append(np.array([self.measured[self._loose], np.zeros(self._loose.size)]))
-        position, velocity = frozen(np.concatenate(states, axis=1)) if states else np.zeros((2, 0))
-        return Reference(self._servos, self._modes, position, velocity)
+    def reference(self, loose: NDArray[np.intp]) -> Reference:
+        """Returns the present references of the servos under command. The servos in torque mode, `loose`,
+        come last, with their measured angles as references."""
+        chains, shown = self.chains, self._shown
+        states = [chain.limiter.whole_state for chain in chains]
+        if shown is not None and chains is self._shown_of and not loose.size:
+            if all(map(is_, states, self._states)):
+                return shown
+            servos, modes = shown.servos, shown.modes
+        else:
+            servos = frozen(np.concatenate([*(chain.index for chain in chains), loose]))
+            modes = tuple([self.modes[servo] for servo in servos.tolist()])
+        self._states, self._shown_of = states, None if loose.size else chains
+        if loose.size or not states:
+            states = [*states, np.zeros((3, loose.size))]
+            states[-1][0] = self.measured[loose]
+        state = frozen(states[0].copy() if len(states) == 1 else np.concatenate(states, axis=1))
+        self._shown = Reference(servos, modes, state[0], state[1])
+        return self._shown
+
+    def found(self, mode: Mode, servos: NDArray[np.intp]) -> list[JointGroup] | None:
+        """Returns the cached groups of `servos` (k,) in `mode`; None if no groups are cached for them."""
+        found_in, chains = self._found.get(servos.tobytes(), (None, None))
+        return chains if found_in is mode else None
+
+    def note(self, mode: Mode, servos: NDArray[np.intp], chains: list[JointGroup]) -> None:
+        """Caches the groups of `servos` (k,), which are all in `mode`, until a group or a mode changes."""
+        if len(self._found) >= FOUND:
+            self._found.clear()
+        self._found[servos.tobytes()] = mode, chains
 
     def moving(self, servos: Sequence[int]) -> list[JointGroup]:
         """Returns the groups that move `servos`. Servos without a command so far join their groups at their
@@ -126,7 +155,6 @@ class CommandedGroups:
                 chains[group] = self._chain(group, kept, fresh, starts) if kept else None
         for servo in servos:
             self.modes[servo] = mode
-        self._loose = np.array(sorted(loose), np.intp)
         for group, chain in chains.items():
             if chain is not None:
                 self._chains[group] = chain

@@ -9,19 +9,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import CommandError
+from tci.gate.acceptance import FAR_OFF, SLOWEST
 from tci.gate.bounds import Bounds, bounds_of
 from tci.gate.kernels.couplings import shift
+from tci.gate.kernels.targets import take_targets
 from tci.gate.trajectory import Guard, OnlineTrajectory
-from tci.messages import PlatformCommand
 from tci.messages.frames import Array
 from tci.reasons import Code
 from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
+from tci.support.compiled import entry
+
+_take_targets = entry(take_targets)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +50,8 @@ class JointGroup:
     servos outside the group. The trajectory uses this array too, so the array is changed in place."""
     leans: bool
     """True if a coupling of the group also contains a servo outside the group."""
+    arrays: tuple[NDArray[Any], ...]
+    """Arrays that `kernels.targets.take_targets` reads and changes."""
 
     @property
     def driven(self) -> list[int]:
@@ -52,22 +59,21 @@ class JointGroup:
         zero."""
         return np.flatnonzero(np.abs(self.limiter.drive) > 0.0).tolist()  # the comparison is false for NaN
 
-    def aim(self, command: PlatformCommand, sent: Array) -> None:
-        """Sets the targets of those servos of a valid command (k,) that belong to the group: the commanded
-        angles, or the nearest angles that the bounds allow. Writes the targets into `sent` (k,) [rad]."""
+    def aim(self, servos: NDArray[np.intp], values: Array, speeds: Array, box: Array, sent: Array) -> float:
+        """Sets the targets of those `servos` (k,) that belong to the group.
+
+        Each target is the requested angle in `values` (k,) [rad], or the nearest angle that the bounds allow.
+        `speeds` (k,) [rad/s] are the largest speeds of the motion. Writes the targets into `sent` (k,) [rad],
+        and returns the largest distance [rad] of a target from the requested angle. `box` (2, n_servos) [rad]
+        contains the limits of all servos. If the command must be refused, changes nothing and returns -1 for
+        invalid numbers, or -2 for angles far outside their limits. `servos` must have the type np.intp,
+        `values` and `speeds` the type np.float64, because a compiled loop reads them.
+        """
         limiter = self.limiter
-        named = {servo: row for row, servo in enumerate(command.servos.tolist())}
-        mine = [(place, named[servo]) for place, servo in enumerate(self.servos) if servo in named]
-        places, rows = (list(one) for one in zip(*mine, strict=True))
-        target, speed, free = (
-            limiter.target.copy(),
-            limiter.speed.copy(),
-            np.zeros(len(self.servos), np.bool_),
-        )
-        target[places], free[places] = command.values[rows], True
-        speed[places] = np.minimum(command.speed[rows], self.bounds.velocity[places])
-        limiter.aim(limiter.bounds.nearest(target, free), speed)
-        sent[rows] = limiter.target[places]
+        farthest: float = _take_targets((servos, values, speeds), box, FAR_OFF, SLOWEST, self.arrays, sent)
+        if farthest >= 0.0:
+            limiter.begin()
+        return farthest
 
     def look_outside(self, measured: Array) -> None:
         """Shifts the bounds of the couplings by the contribution of the servos outside the group. `measured`
@@ -112,9 +118,12 @@ def make_chain(
     if not np.isfinite(known).all():  # the caller has checked this, but NaN would pass all later comparisons
         raise CommandError("a servo without limits can't be moved", code=Code.LIMITS_UNKNOWN)
     ends = np.array([bounds.coupling_lower, bounds.coupling_upper])
+    limits = np.array([bounds.lower, bounds.upper, bounds.velocity])
     own = replace(bounds, coupling_lower=ends[0], coupling_upper=ends[1])
     limiter = OnlineTrajectory(own, measured[union], period, guard=guard)
-    chain = JointGroup(union, np.array(union), limiter, bounds, outside, ends, bool(outside.any()))
+    index, free = np.array(union), np.zeros(len(union), np.bool_)
+    arrays = index, limits, bounds.coupling, ends, free, limiter.aims
+    chain = JointGroup(union, index, limiter, bounds, outside, ends, bool(outside.any()), arrays)
     chain.look_outside(measured)
     if speed is not None and speed[union].any():
         limiter.start_moving(speed[union])

@@ -11,17 +11,20 @@ from numpy.typing import NDArray
 
 from tci.errors import CommandError
 from tci.gate.acceptance import (
+    FAR_OFF,
     by_servo,
-    check_angles,
     check_command,
     check_limits,
     check_switch,
+    is_usual,
+    refuse_far,
 )
 from tci.gate.bounds import MARGIN
 from tci.gate.commanded_groups import CommandedGroups
 from tci.gate.freshness import Freshness
-from tci.gate.immovable import Immovable, is_movable
+from tci.gate.immovable import Immovable
 from tci.gate.joint_monitor import Reference
+from tci.gate.kernels.targets import INVALID, is_far_off
 from tci.gate.settings import GateSettings, Tally
 from tci.gate.speeds import Slope, Speeds
 from tci.gate.torque import TorqueLimiter
@@ -39,8 +42,6 @@ DEGREE = float(np.rad2deg(1.0))
 """Degrees in a radian."""
 TARGETS = (Mode.POSITION, Mode.IMPEDANCE)
 """Modes whose commands are angles."""
-SHARES = (Mode.STIFFNESS, Mode.DAMPING)
-"""Quantities that can be set in every control mode."""
 FASTEST = 1e6
 """Upper bound on requested speeds [rad/s]. Without this bound, calculations with a very large speed could
 overflow."""
@@ -82,6 +83,9 @@ class Motion:
         self.robot, self._streams = robot, streams
         self._settings = settings
         self._tally = tally
+        limits = [servo.limits for servo in robot.servos]
+        ends = [[limit.lower for limit in limits], [limit.upper for limit in limits]]
+        self._box = np.array(ends, dtype=float)
         self.groups = CommandedGroups(robot, period=period, settings=settings)
         """Servos under command, without those in torque mode."""
         self._torque = TorqueLimiter(robot, period, speed_share=settings.speed_share)
@@ -92,10 +96,10 @@ class Motion:
         self._powered: NDArray[np.bool_] | None = None
         self._switched: set[int] = set()
         self._waiting: list[WaitingSwitch] = []
-        self._fixed = {servo.index for servo in robot.servos if not is_movable(servo)}
+        self._known: set[int] = set()
         self._immovable = Immovable(robot)
         self._shares = np.zeros(len(robot.servos))
-        self._new_shares: dict[Mode, dict[int, float]] = {mode: {} for mode in SHARES}
+        self._none = frozen(np.zeros(0))
 
     @property
     def modes(self) -> list[Mode]:
@@ -106,7 +110,7 @@ class Motion:
     def reference(self) -> Reference:
         """Present references of the servos under command. Servos in torque mode come last; their references
         are their measured positions."""
-        return self.groups.reference()
+        return self.groups.reference(self._torque.servos)
 
     @property
     def targets(self) -> Array:
@@ -166,38 +170,41 @@ class Motion:
         self.groups.drop()
         self._torque.relax()
 
-    def accept(self, order: PlatformOrder, now: float) -> list[Reason]:
+    def accept(self, command: PlatformOrder, now: float) -> list[Reason]:
         """Accepts an order. Returns one reason for each value that was clamped, and for a switch that waits
         for rest. If the order can't be accepted, raises CommandError and changes nothing."""
-        if order.mode in SHARES and isinstance(order, PlatformCommand):
-            return self._share(check_command(self.robot, order))
-        order = self._immovable.left_out(order)
-        if isinstance(order, PlatformSwitch):
-            return self._switch(order, now)
-        command = check_command(self.robot, order)
-        self._check_modes(command)
+        command = self._immovable.left_out(command)
+        if isinstance(command, PlatformSwitch):
+            return self._switch(command, now)
+        if self._waiting and self._keep_for_later(command, now):
+            return []
         if command.mode in TARGETS:
-            check_angles(self.robot, command)
-        for switch in self._waiting:
-            if switch.names(command):
-                switch.keep(command, now)
-                return []
-        match command.mode:
-            case Mode.VELOCITY:
-                clamped = self._drive(command)
-            case Mode.TORQUE:
-                clamped = self._push(command)
-            case _:
-                return self._aim(command)
-        self._fed[command.servos] = now
+            return self._aim(command)
+        servos, _, _ = check_command(self.robot, command)
+        self._check_modes(servos, command.mode)
+        clamped = self._push(command) if command.mode is Mode.TORQUE else self._drive(command)
+        self._fed[servos] = now
         return clamped
 
     def _aim(self, command: PlatformCommand) -> list[Reason]:
         """Sets the targets of the servos in a command. Returns the reasons for values that were clamped."""
-        sent = np.empty(len(command.servos))
-        for chain in self.groups.moving(command.servos.tolist()):
-            chain.aim(command, sent)
-        return self.clamps(command, sent, "rad")
+        servos, values, speeds = command.servos, command.values, command.speed
+        usual = is_usual(command)
+        chains = self.groups.found(command.mode, servos) if usual else None
+        if chains is None:
+            servos, values, speeds = check_command(self.robot, command)
+            self._check_modes(servos, command.mode)
+            if is_far_off(servos, values, self._box, FAR_OFF):
+                refuse_far(self.robot, command)
+            chains = self.groups.moving(servos.tolist())
+            self.groups.note(command.mode, servos, chains)
+        sent = np.empty(len(servos))
+        farthest = max([chain.aim(servos, values, speeds, self._box, sent) for chain in chains])
+        if farthest == INVALID:
+            check_command(self.robot, command)
+        if farthest < 0.0:
+            refuse_far(self.robot, command)
+        return [] if farthest <= 2 * MARGIN else self.clamps(command, sent, "rad")
 
     def step(self, now: float) -> list[Reason]:
         """Moves the servos by one period. Returns the reasons for motions that were ended to avoid
@@ -234,7 +241,9 @@ class Motion:
         """
         others = self.groups.count
         if not self._torque.servos.size:
-            return frozen(np.zeros(others))
+            if self._none.size != others:
+                self._none = frozen(np.zeros(others))
+            return self._none
         age = self._freshness.age(now)
         trust = np.full(len(self._torque.servos), self._freshness.trust(age))
         if self._powered is not None:
@@ -254,17 +263,18 @@ class Motion:
         sent = self._torque.ask(command.servos, command.values)
         return self.clamps(command, sent, "N m")
 
-    def _check_modes(self, command: PlatformCommand) -> None:
-        """Raises CommandError unless all limits of the servos are known and all of them are in the mode of
-        the command, or wait to be switched to it."""
-        for servo in command.servos.tolist():
-            if servo in self._fixed:
+    def _check_modes(self, servos: NDArray[np.intp], mode: Mode) -> None:
+        """Raises CommandError unless all limits of `servos` (k,) are known and all of these servos are in
+        `mode`."""
+        for servo in servos.tolist():
+            if servo not in self._known:
                 check_limits(self.robot.servos[servo])
+                self._known.add(servo)
             own = next((one.mode for one in self._waiting if servo in one.servos), self.modes[servo])
-            if own is not command.mode:
+            if own is not mode:
                 raise CommandError(
                     f"{self.robot.servos[servo].name} is in {own.value} mode, the command is "
-                    f"in {command.mode.value} mode; valid: switch the mode first",
+                    f"in {mode.value} mode; valid: switch the mode first",
                     code=Code.WRONG_MODE,
                 )
 
@@ -284,37 +294,23 @@ class Motion:
             chain.limiter.drive_at(chain.places(mine), np.array([wanted[servo] for servo in mine]))
         return self.clamps(command, sent, "rad/s")
 
-    def take_shares(self) -> dict[Mode, dict[int, float]]:
-        """Returns stiffness and damping (0..1), by servo index, that were commanded since the last call."""
-        shares, self._new_shares = self._new_shares, {mode: {} for mode in SHARES}
-        return shares
-
-    def _share(self, command: PlatformCommand) -> list[Reason]:
-        """Takes fractions of stiffness or damping. Returns the reasons for values that were clamped."""
-        sent = np.clip(command.values, 0.0, 1.0)
-        if command.mode is Mode.STIFFNESS:
-            self._check_stiffness(command)
-            self._shares[command.servos] = sent
-        self._new_shares[command.mode].update(by_servo(command.servos, sent))
-        return self.clamps(command, sent, command.mode.value)
-
-    def _check_stiffness(self, command: PlatformCommand) -> None:
+    def check_stiffness(self, command: PlatformCommand) -> None:
         """Raises CommandError if the command raises the stiffness of a joint that has yielded to an outside
         force. A stiffer joint would jump back to its equilibrium."""
-        reference, monitor = self.reference, self._settings.monitor
-        if monitor is None:
-            return
+        reference = self.reference
         place = {servo: index for index, servo in enumerate(reference.servos.tolist())}
         for servo, share in by_servo(command.servos, command.values).items():
             if servo not in place or self.modes[servo] is not Mode.IMPEDANCE or share <= self._shares[servo]:
                 continue
             deviation = abs(float(reference.position[place[servo]] - self.groups.measured[servo]))
-            if deviation > monitor.following_error:
+            monitor = self._settings.monitor
+            if monitor is not None and deviation > monitor.following_error:
                 raise CommandError(
                     f"{self.robot.servos[servo].name} is {np.rad2deg(deviation):.1f} degrees from its "
                     f"equilibrium; valid: no more stiffness than {self._shares[servo]:.2f} there",
                     code=Code.LIMITS_EXCEEDED,
                 )
+        self._shares[command.servos] = np.clip(command.values, 0.0, 1.0)
 
     def clamps(self, command: PlatformCommand, sent: Array, unit: str) -> list[Reason]:
         """Returns a reason for each servo whose accepted value in `sent` (k,) differs from the requested
@@ -382,6 +378,19 @@ class Motion:
         parts = ", ".join(dict.fromkeys(self.robot.servos[servo].robot_part for servo in servos))
         text = f"{parts} switches to {mode.value} in {longest:.2f} s, at rest"
         return Reason(Code.SWITCHES_AT_REST, text, tuple(self.robot.servos[servo].name for servo in servos))
+
+    def _keep_for_later(self, command: PlatformCommand, now: float) -> bool:
+        """Keeps a command that has the mode of a waiting switch, and returns True. Returns False for a
+        command to other servos. Raises CommandError if the command is invalid or has another mode."""
+        check_command(self.robot, command)
+        waiting = next((one for one in self._waiting if one.names(command)), None)
+        if waiting is None:
+            return False
+        self._check_modes(command.servos, command.mode)
+        if command.mode in TARGETS and is_far_off(command.servos, command.values, self._box, FAR_OFF):
+            refuse_far(self.robot, command)
+        waiting.keep(command, now)
+        return True
 
     def settle(self, now: float) -> tuple[list[Reason], list[Reason]]:
         """Switches servos that waited for rest and have come to rest, and executes the latest commands in

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 from tci.body.posture import speed_limits
@@ -19,6 +21,7 @@ from tci.errors import CommandError, TciError
 from tci.messages.frames import Array, read_only
 from tci.robot.description import GenericPart, Robot
 from tci.robot.joint_map import JointMap, initial_position, joint_map
+from tci.robot.like import RobotLike, as_robot
 
 SAMPLE = 0.02
 """Time [s] between two postures of a fitted gesture. Assumed: this time is short enough for linear
@@ -44,8 +47,15 @@ class Gesture:
     relative to the torso frame. In a fitted gesture, arm angles are the angles of the generic joints of the
     robot for which the gesture was fitted."""
 
+    if TYPE_CHECKING:  # what it takes; the fields are what it keeps
+
+        def __init__(self, times: ArrayLike, postures: Mapping[str, ArrayLike]) -> None: ...
+
     def __post_init__(self) -> None:
-        times = np.asarray(self.times)
+        times = np.asarray(self.times, np.float64)
+        postures = {part: np.asarray(angles, np.float64) for part, angles in self.postures.items()}
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "postures", postures)
         good = times.ndim == 1 and times.size >= 2 and np.isfinite(times).all() and times[0] == 0.0
         if not good or not np.all(np.diff(times) > 0.0) or times[-1] > LONGEST:
             raise TciError(f"gesture times: valid are 2 or more, rising from 0 to at most {LONGEST:g} s")
@@ -125,7 +135,7 @@ def record(robot: Robot, times: Array, positions: Array) -> Gesture:
     )
 
 
-def fit(robot: Robot, gesture: Gesture, *, exact: bool = True, share: float = SHARE) -> Fitted:
+def fit(robot: RobotLike, gesture: Gesture, *, exact: bool = True, share: float = SHARE) -> Fitted:
     """Fits a gesture to a robot, so that the motion respects the robot's limits and couplings.
 
     With `exact`, the arms' directions relative to the torso are kept (retargeting). Without `exact`, the
@@ -134,6 +144,7 @@ def fit(robot: Robot, gesture: Gesture, *, exact: bool = True, share: float = SH
     Raises CommandError if the robot has none of the gesture's parts, or if the numbers of joints of a part
     differ between gesture and robot.
     """
+    robot = as_robot(robot)
     names = {part.name for part in robot.parts if any(joint.servo is not None for joint in part.servos)}
     used = [part for part in gesture.postures if part in names]
     if not used:

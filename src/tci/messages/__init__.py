@@ -25,7 +25,7 @@ from tci.messages.commands import (
     SwitchMode,
 )
 from tci.messages.contacts import Contact, Contacts, Site
-from tci.messages.modes import CONTROL_MODES, Mode
+from tci.messages.modes import CONTROL_MODES, Mode, ModeLike
 from tci.messages.perception import Perception, SkinState, Support
 from tci.messages.places import Landmark, LimbPlace
 from tci.messages.readings import JointReading, Reading, SkinFrame
@@ -43,6 +43,7 @@ __all__ = [
     "LimbPlace",
     "ManualClock",
     "Mode",
+    "ModeLike",
     "MonotonicClock",
     "Order",
     "Perception",

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tci.errors import CommandError
 from tci.messages.frames import Array, read_only
-from tci.messages.modes import Mode
+from tci.messages.modes import Mode, ModeLike
 
 
 def _take_mode(command: GenericCommand | SwitchMode | PlatformSwitch | PlatformCommand) -> None:
@@ -33,6 +34,12 @@ class GenericCommand:
     """Speed [rad/s] that no generic joint may exceed on its way, also in velocity mode: one number for all
     joints, or one per joint (n,), above 0. References use 85 % of it, because joints overshoot. None leaves
     the speeds of the description. Not in torque mode, where nothing plans the way."""
+
+    if TYPE_CHECKING:  # what it takes; the fields are what it keeps
+
+        def __init__(
+            self, part: str, mode: ModeLike, values: ArrayLike, speed: ArrayLike | None = None
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         _take_mode(self)
@@ -70,7 +77,19 @@ class CartesianCommand:
     speed: Array | float | None = None
     """Speed [rad/s] that no generic joint may exceed, as in `GenericCommand`."""
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            part: str,
+            target: ArrayLike,
+            point: str = "hand",
+            nearest: bool = False,
+            speed: ArrayLike | None = None,
+        ) -> None: ...
+
     def __post_init__(self) -> None:
+        _take_numbers(self, "target", "target")
         if self.speed is not None:
             _take_numbers(self, "speed", "speed")
 
@@ -84,6 +103,10 @@ class SwitchMode:
     """Name of the generic part."""
     mode: Mode
     """Requested mode: position, velocity, torque or impedance."""
+
+    if TYPE_CHECKING:
+
+        def __init__(self, part: str, mode: ModeLike) -> None: ...
 
     def __post_init__(self) -> None:
         _take_mode(self)

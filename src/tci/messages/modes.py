@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import Enum
+from typing import Literal
 
 from tci.errors import UnknownNameError
 
@@ -35,6 +36,8 @@ class Mode(Enum):
         return names[mode.lower()]
 
 
+ModeLike = Mode | Literal["position", "velocity", "torque", "impedance", "stiffness", "damping"]
+"""A mode, or its name. What takes one keeps a `Mode`."""
 CONTROL_MODES = (Mode.POSITION, Mode.VELOCITY, Mode.TORQUE, Mode.IMPEDANCE)
 """Control modes of a servo; exactly one of them is active at a time. Stiffness and damping can be set in each
 control mode."""

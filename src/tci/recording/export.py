@@ -18,6 +18,7 @@ from tci.recording.recording import Recording
 from tci.recording.rosmsg.cdr import decode
 from tci.recording.schemas import COMMAND, DECISION, JOINTS, SKIN, to_frame
 from tci.robot.description import Robot
+from tci.robot.like import RobotLike, as_robot
 from tci.skin.skin import Skin
 from tci.support.installed import needs
 
@@ -32,7 +33,7 @@ CONTACT = (
 """Columns of the table of contacts. Positions and forces are in the torso frame."""
 
 
-def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]:
+def tables(recording: Recording, robot: RobotLike | None = None) -> dict[str, Table]:
     """Returns the tables `joints`, `commands`, `decisions` and one `skin_PATCH` for each patch.
 
     If `robot` is given, also returns `contacts`. Every table has a column `time_s`: the time of the
@@ -43,6 +44,7 @@ def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]
     and forces are NaN for frames that were not used, because they do not fit the robot or came in the wrong
     order. Raises RecordingError if the recording can't be read.
     """
+    robot = None if robot is None else as_robot(robot)
     rows: dict[str, list[tuple[float, dict[str, Any]]]] = {}
     frames: dict[str, list[SkinFrame]] = {}
     names: list[str] = []

@@ -11,8 +11,8 @@ from tci.body.perceiver import Perceiver
 from tci.errors import FrameError, RecordingError, UnknownNameError
 from tci.messages import Perception, Reading, SkinState
 from tci.recording.recording import Recording
-from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
+from tci.robot.like import RobotLike, as_robot
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,12 +40,11 @@ class Perceived:
         return self.perception.skin
 
 
-def recorded_robot(recording: Recording, robot: str | None = None) -> Robot | None:
+def recorded_robot(recording: Recording, robot: RobotLike | None = None) -> Robot | None:
     """Returns the robot of a recording.
 
-    `robot` is the name or path of its description. If `robot` is None, the recorded name is used. Returns
-    None if the recording contains no name of a robot. Raises RecordingError if the robot's description
-    differs from the recorded one.
+    If `robot` is None, the recorded name is used. Returns None if the recording contains no name of a robot.
+    Raises RecordingError if the robot's description differs from the recorded one.
     """
     name = recording.about.get("robot", "")
     if not name:
@@ -53,7 +52,7 @@ def recorded_robot(recording: Recording, robot: str | None = None) -> Robot | No
     if robot is None and not name.replace("_", "").replace("-", "").isalnum():
         raise RecordingError(f"{recording.path} names the robot {name[:40]!r}; give its description as ROBOT")
     try:
-        found = load_robot(robot or name)
+        found = as_robot(robot or name)
     except UnknownNameError:
         if robot is not None:
             raise

@@ -44,6 +44,7 @@ from tci.recording.schemas import (
 )
 from tci.recording.topics import Topics
 from tci.robot.description import Robot
+from tci.robot.like import RobotLike, as_robot
 
 OF_THIS_MACHINE: Any = {"source": True, "model": {"path"}, "patches": {"__all__": {"surface": {"file"}}}}
 """Fields of a description that contain local paths. These fields are not recorded, as recordings may be
@@ -58,7 +59,7 @@ class Recorder:
     def __init__(
         self,
         path: Path | str,
-        robot: Robot | None,
+        robot: RobotLike | None,
         *,
         middleware: str = "sim",
         period: float = 0.0,
@@ -71,6 +72,7 @@ class Recorder:
         If the driver sends a frame only when its values change, `keep_alive` [s] is the longest time between
         two frames of a patch. Raises RecordingError if the file exists or can't be created.
         """
+        robot = None if robot is None else as_robot(robot)
         self.path = Path(path)
         self.failed = ""
         """Reason why the recording ended early or could not be compacted. The text is empty if there was no

@@ -6,11 +6,13 @@ from copy import copy
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
 from tci.messages.frames import Array, read_only
 from tci.robot.description import Model, Robot
 from tci.robot.kinematics import KinematicChain, bare_model, joints_of, written
+from tci.robot.like import RobotLike, as_robot
 from tci.robot.model_file import load_spec
 from tci.support.engine import mujoco
 
@@ -28,9 +30,10 @@ class Gravity:
     The methods reuse memory, so each thread needs its own object. Returned arrays are copies.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: RobotLike) -> None:
         """Reads the model. Raises DescriptionError if the robot has no model, or if the model lacks the joint
         of a servo or the mass of a moved link. Raises UnknownNameError if the model lacks the torso."""
+        robot = as_robot(robot)
         self._model, self._torso = weighted_model(robot)
         assert robot.model is not None  # `weighted_model` raises an error for a robot without a model
         self._data = mujoco.MjData(self._model)
@@ -42,7 +45,7 @@ class Gravity:
         """Mass (n_bodies,) [kg] of each body of the model."""
         self._heavy = np.flatnonzero(self.masses)
 
-    def torques(self, position: Array, *, down: Array = DOWN) -> Array:
+    def torques(self, position: ArrayLike, *, down: ArrayLike = DOWN) -> Array:
         """Returns the torque (n_servos,) [N m] that each servo needs to hold `position` (n_servos,) [rad].
 
         `down` (3,) is the direction of gravity in the torso frame; its length has no effect. The root of the
@@ -56,8 +59,8 @@ class Gravity:
             )
         length = float(np.linalg.norm(down)) if np.shape(down) == (3,) else 0.0
         if not 0.0 < length < np.inf:
-            raise CommandError(f"direction of gravity {down}; valid: a vector (3,) that is not zero")
-        self._data.qpos[self._addresses] = position[self._servos]
+            raise CommandError(f"direction of gravity {down!r}; valid: a vector (3,) that is not zero")
+        self._data.qpos[self._addresses] = np.asarray(position)[self._servos]
         mujoco.mj_kinematics(self._model, self._data)
         R_WT = self._data.xmat[self._torso].reshape(3, 3) @ self._T_LT[:3, :3]
         self._model.opt.gravity[:] = R_WT @ np.asarray(down) * (STANDARD_GRAVITY / length)
@@ -69,7 +72,7 @@ class Gravity:
         result[self._servos] = held[self._columns]
         return result
 
-    def centre_of_mass(self, position: Array) -> Array:
+    def centre_of_mass(self, position: ArrayLike) -> Array:
         """Returns the centre of mass (3,) [m] of the whole robot at `position` (n_servos,) [rad], in the
         torso frame."""
         poses = self._kinematics.body_poses(position, self._heavy.tolist())

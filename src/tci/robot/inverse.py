@@ -10,13 +10,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tci.errors import CommandError
 from tci.messages.frames import Array, read_only
 from tci.reasons import Code
-from tci.robot.description import Robot
 from tci.robot.kinematics import KinematicChain
+from tci.robot.like import RobotLike, as_robot
 from tci.support.engine import mujoco
 
 
@@ -77,7 +77,7 @@ class InverseKinematics:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: RobotLike,
         kinematics: KinematicChain,
         link: str,
         *,
@@ -94,6 +94,7 @@ class InverseKinematics:
         Raises UnknownNameError if the link is unknown. Raises CommandError if a servo does not move the link,
         appears twice, or has no limits.
         """
+        robot = as_robot(robot)
         self._kinematics, self._link, self._settings = kinematics, link, settings
         self._point = read_only(list(point))
         if self._point.shape != (3,) or not np.isfinite(self._point).all():
@@ -118,7 +119,7 @@ class InverseKinematics:
         named = rows[:, self._chosen].any(axis=1)
         self._rows, self._least, self._most = rows[named], lower_sum[named], upper_sum[named]
 
-    def solve(self, target: Array, present: Array) -> InverseAnswer:
+    def solve(self, target: ArrayLike, present: ArrayLike) -> InverseAnswer:
         """Finds angles that bring the point to `target` and are near to `present` (n_servos,) [rad].
 
         `target` is a position (3,) [m] or a pose (4, 4) in the torso frame. The search starts at the present

@@ -15,6 +15,7 @@ from tci.messages.frames import Array
 from tci.robot.description import Description, Robot
 from tci.robot.description.base import Vector
 from tci.robot.json_file import read_json
+from tci.robot.like import RobotLike, as_robot
 
 SUFFIX = ".joints.json"
 _Positive = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
@@ -57,9 +58,10 @@ class JointCalibration(Description):
     tools: dict[str, Tool] = Field(default_factory=dict)
     """Tools in the hands, by the name of the link that carries the tool."""
 
-    def check(self, robot: Robot) -> None:
+    def check(self, robot: RobotLike) -> None:
         """Raises TciError if the calibration was made for another robot, and UnknownNameError if the
         calibration names a servo that the robot lacks."""
+        robot = as_robot(robot)
         if self.robot != robot.name:
             raise TciError(f"calibration of the joints of {self.robot!r}; valid: {robot.name!r}")
         names = [servo.name for servo in robot.servos]
@@ -67,9 +69,10 @@ class JointCalibration(Description):
             if name not in names:
                 raise UnknownNameError("servo of a joint calibration", name, names)
 
-    def values(self, robot: Robot, field: Literal["coulomb", "viscous", "rotor"]) -> Array:
+    def values(self, robot: RobotLike, field: Literal["coulomb", "viscous", "rotor"]) -> Array:
         """Returns the values (n,) of one `field` of `JointFriction` for all servos. Unknown friction is NaN,
         and an unknown rotor inertia is 0."""
+        robot = as_robot(robot)
         unknown = 0.0 if field == "rotor" else np.nan
         found: Mapping[str, JointFriction] = self.friction
         return np.array([getattr(found[s.name], field) if s.name in found else unknown for s in robot.servos])

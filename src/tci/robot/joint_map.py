@@ -11,6 +11,7 @@ from tci.messages import JointReading
 from tci.messages.frames import Array, frozen, read_only
 from tci.robot.description import GenericPart, Robot
 from tci.robot.kernels.joints import combine_servos
+from tci.robot.like import RobotLike, as_robot
 from tci.robot.per_robot import per_robot
 from tci.robot.transforms import KINDS, Coupled, Linear, Retarget, Synergy, Table, Transform, servo_speeds
 from tci.support.compiled import entry
@@ -255,11 +256,15 @@ def generic_posture(robot: Robot, joints: JointReading) -> dict[str, Array]:
     return postures(robot).to_generic(joints.position)
 
 
-@per_robot
-def initial_position(robot: Robot) -> Array:
+def initial_position(robot: RobotLike) -> Array:
     """Returns the angle (n_servos,) [rad] of every servo in the initial posture (inverse of eq. 1). A servo
     that no generic part uses gets the angle 0, or the limit nearest to 0. Raises the errors that the
     transforms raise."""
+    return _initial_position(as_robot(robot))
+
+
+@per_robot
+def _initial_position(robot: Robot) -> Array:
     position = np.array([min(max(0.0, s.limits.lower or 0.0), s.limits.upper or 0.0) for s in robot.servos])
     for part in robot.parts:
         joints = joint_map(robot, part.name)

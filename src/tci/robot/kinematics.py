@@ -14,12 +14,13 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
 from tci.messages.frames import Array, read_only, transform
 from tci.robot.description import Model, Robot
 from tci.robot.kernels.links import BEFORE, SERVO, link_poses, pose_and_jacobian
+from tci.robot.like import RobotLike, as_robot
 from tci.robot.model_file import BOUND_INERTIA, BOUND_MASS, compiled, load_spec
 from tci.support.compiled import entry
 from tci.support.engine import mujoco
@@ -38,11 +39,12 @@ class KinematicChain:
     treated like an additional servo, whose angle is appended to the angles of the servos.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: RobotLike) -> None:
         """Reads the robot's model.
 
         Raises DescriptionError if the robot has no model, or if a joint or the torso is missing in the model.
         """
+        robot = as_robot(robot)
         if robot.model is None:
             raise DescriptionError(
                 robot.source, [Fault(0, "no <model>: kinematics need a URDF or MJCF file")]
@@ -70,7 +72,7 @@ class KinematicChain:
         self._asked: dict[tuple[str, ...], tuple[Indices, Indices]] = {}
         self._jacobians: dict[str, tuple[Indices, Indices]] = {}
 
-    def poses(self, position: Array, links: Iterable[str]) -> dict[str, Array]:
+    def poses(self, position: ArrayLike, links: Iterable[str]) -> dict[str, Array]:
         """Returns `T_TL` (4, 4), the pose in the torso frame, of each of `links`.
 
         `position` (n_servos,) [rad] is in the order of `Robot.servos`. Servos without a joint in the model
@@ -80,7 +82,7 @@ class KinematicChain:
         names = tuple(links)
         return dict(zip(names, self.pose_array(position, names), strict=True))
 
-    def pose_array(self, position: Array, links: tuple[str, ...]) -> Array:
+    def pose_array(self, position: ArrayLike, links: tuple[str, ...]) -> Array:
         """Returns `T_TL` (l, 4, 4), the poses in the torso frame, of l `links`, at the servo angles
         `position` (n_servos,) [rad]. Raises the errors of `poses`."""
         found = self._asked.get(links)
@@ -89,13 +91,13 @@ class KinematicChain:
             found = self._asked[links] = ends, self.path(ends.tolist())
         return self._poses(position, *found)
 
-    def body_poses(self, position: Array, bodies: Iterable[int]) -> Array:
+    def body_poses(self, position: ArrayLike, bodies: Iterable[int]) -> Array:
         """Returns `T_TL` (l, 4, 4), the poses in the torso frame, of links given by their indices in the
         model. `position` (n_servos,) [rad] is in the order of `Robot.servos`."""
         ends = self.ends(bodies)
         return self._poses(position, ends, self.path(ends.tolist()))
 
-    def jacobian(self, position: Array, link: str, *, point: Array = _ORIGIN) -> Array:
+    def jacobian(self, position: ArrayLike, link: str, *, point: ArrayLike = _ORIGIN) -> Array:
         """Returns the Jacobian (6, n_servos) of a point of `link`, in the torso frame.
 
         Rows 0-2 are the velocity of the point [m/rad], and rows 3-5 are the angular velocity of the link
@@ -105,7 +107,9 @@ class KinematicChain:
         """
         return self.pose_and_jacobian(position, link, point=point)[1]
 
-    def pose_and_jacobian(self, position: Array, link: str, *, point: Array = _ORIGIN) -> tuple[Array, Array]:
+    def pose_and_jacobian(
+        self, position: ArrayLike, link: str, *, point: ArrayLike = _ORIGIN
+    ) -> tuple[Array, Array]:
         """Returns the pose `T_TP` (4, 4) and the Jacobian (6, n_servos) of `point` (3,) [m], given in the
         frame of `link`. Rows 0-2 of the Jacobian are the linear velocity, rows 3-5 the angular velocity. The
         pose has the orientation of the link and the position of `point`. One call is faster than calls of
@@ -134,10 +138,10 @@ class KinematicChain:
         servos = [self._mimics.leader(servo) for servo in self.steps[way, SERVO].tolist()] if way else []
         return tuple(dict.fromkeys(servo for servo in servos if servo >= 0))
 
-    def extended(self, position: Array) -> Array:
+    def extended(self, position: ArrayLike) -> Array:
         """Returns angles (..., n_servos) [rad] with the angles of mimic joints appended, because the steps
         need these angles."""
-        return self._mimics.extended(position)
+        return self._mimics.extended(np.asarray(position, np.float64))
 
     def ends(self, bodies: Iterable[int]) -> Indices:
         """Returns the step that leads to each of l `bodies`, which are indices in the model. The result (l,)
@@ -168,7 +172,7 @@ class KinematicChain:
         except KeyError:
             raise UnknownNameError("link of the kinematic model", link, self.links) from None
 
-    def _poses(self, position: Array, ends: Indices, path: Indices) -> Array:
+    def _poses(self, position: ArrayLike, ends: Indices, path: Indices) -> Array:
         poses, work = np.empty((len(ends), 4, 4)), np.empty((len(self.steps), 3, 4))
         _link_poses(self._checked(position), path, self.steps, self.sums, ends, self.torso, work, poses)
         return poses
@@ -182,11 +186,11 @@ class KinematicChain:
             step = int(self.steps[step, BEFORE])
         return result
 
-    def _checked(self, position: Array) -> Array:
-        position = np.ascontiguousarray(position, np.float64)
-        if position.shape != (self.n_servos,):
-            raise CommandError(f"position of shape {position.shape}; the robot has {self.n_servos} servos")
-        return self._mimics.extended(position)
+    def _checked(self, position: ArrayLike) -> Array:
+        angles = np.ascontiguousarray(position, np.float64)
+        if angles.shape != (self.n_servos,):
+            raise CommandError(f"position of shape {angles.shape}; the robot has {self.n_servos} servos")
+        return self._mimics.extended(angles)
 
 
 class _Mimics:

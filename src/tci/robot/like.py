@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 
+import tci
 from tci.errors import TciError
-from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 
 RobotLike = Robot | str | os.PathLike[str]
@@ -20,6 +20,6 @@ def as_robot(given: RobotLike) -> Robot:
     if isinstance(given, Robot):
         return given
     if isinstance(given, str | os.PathLike):
-        return load_robot(given)
+        return tci.load_robot(given)  # not imported: to read a description needs kinematics, which take this
     what = f"the class {given.__name__}" if isinstance(given, type) else f"{given!r:.60}"
     raise TciError(f"{what} in place of a robot; valid: tci.load_robot('nao'), or its name 'nao'")

@@ -209,8 +209,8 @@ class Finger:
     @exclusive
     def poke_at(
         self,
-        point: Array,
-        normal: Array,
+        point: ArrayLike,
+        normal: ArrayLike,
         *,
         speed: float = 0.25,
         depth: float = 0.01,
@@ -220,8 +220,8 @@ class Finger:
 
         Point and normal are in the torso frame.
         """
-        point, outward = self._skin.from_torso(point, normal)
-        self._start(point, outward, speed, depth, gap)
+        start, outward = self._skin.from_torso(point, normal)
+        self._start(start, outward, speed, depth, gap)
 
     @exclusive
     def pull(self, way: float) -> None:

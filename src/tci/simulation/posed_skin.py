@@ -66,15 +66,15 @@ class PosedSkin:
         T_WL = self.link(patch)
         return apply(T_WL, point), T_WL[:3, :3] @ outward
 
-    def from_torso(self, point: Array, normal: Array) -> tuple[Array, Array]:
+    def from_torso(self, point: ArrayLike, normal: ArrayLike) -> tuple[Array, Array]:
         """Transforms a point (3,) [m] and a direction (3,) from the torso frame to the world frame."""
         T_WT = self.torso()
         return apply(T_WT, _vector("point", point)), T_WT[:3, :3] @ unit("normal", normal)
 
-    def to_torso(self, point: Array, normal: Array) -> tuple[Array, Array]:
+    def to_torso(self, point: ArrayLike, normal: ArrayLike) -> tuple[Array, Array]:
         """Transforms a point (3,) [m] and a direction (3,) from the world frame to the torso frame."""
         T_TW = invert(self.torso())
-        return apply(T_TW, point), T_TW[:3, :3] @ normal
+        return apply(T_TW, np.asarray(point)), T_TW[:3, :3] @ np.asarray(normal)
 
 
 def unit(name: str, values: ArrayLike) -> Array:

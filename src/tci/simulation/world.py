@@ -16,6 +16,7 @@ from tci.messages.frames import Array
 from tci.robot.collisions import NO_MODEL
 from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
+from tci.robot.like import RobotLike, as_robot
 from tci.simulation.finger import RADIUS, Finger
 from tci.simulation.imperfection import Imperfection
 from tci.simulation.joint_torques import JointTorques
@@ -47,7 +48,7 @@ class World:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: RobotLike,
         *,
         step: float = 0.001,
         seed: int = 0,
@@ -74,6 +75,7 @@ class World:
         DescriptionError for a robot that can't be simulated. Raises CommandError for an invalid number or
         posture, and for a standing robot without skin on its soles.
         """
+        robot = as_robot(robot)
         if robot.model is None:
             raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
         if not (np.isfinite(step) and 0.0 < step <= MAX_STEP):
@@ -282,7 +284,7 @@ class World:
         """
         return self.to_torso(*self._skin.point(patch, place, normal))
 
-    def to_torso(self, point: Array, normal: Array) -> tuple[Array, Array]:
+    def to_torso(self, point: ArrayLike, normal: ArrayLike) -> tuple[Array, Array]:
         """Transforms a point (3,) [m] and a direction (3,) from the world frame to the torso frame."""
         return self._skin.to_torso(point, normal)
 

@@ -20,6 +20,7 @@ from tci.robot.description.sensor import along
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.json_file import read_json
 from tci.robot.kernels.limb import limb_numbers
+from tci.robot.like import RobotLike, as_robot
 from tci.robot.per_robot import per_robot
 from tci.robot.skin_files.calibration import (
     PatchCalibration,
@@ -127,12 +128,13 @@ class SkinLayout:
     arrays: LayoutArrays
 
     @staticmethod
-    def of_robot(robot: Robot, calibration: SkinCalibration | None = None) -> SkinLayout:
+    def of_robot(robot: RobotLike, calibration: SkinCalibration | None = None) -> SkinLayout:
         """Builds the layout of a robot's skin with a `calibration`.
 
         If `calibration` is None, the file that `tci skin calibrate` wrote beside the description is used, if
         there is one. Raises TciError if the calibration does not fit the robot.
         """
+        robot = as_robot(robot)
         beside = calibration_path(Path(robot.source))
         if calibration is None and beside.is_file():
             calibration = read_json(beside, SkinCalibration)

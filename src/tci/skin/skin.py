@@ -10,10 +10,11 @@ import numpy as np
 from tci.errors import TciError, UnknownNameError
 from tci.messages import JointReading
 from tci.messages.frames import Array, apply, invert, transform
-from tci.robot.description import GenericPart, Robot, Segment
+from tci.robot.description import GenericPart, Segment
 from tci.robot.generic_arm import limb_coordinates, segment_rotation
 from tci.robot.joint_map import generic_posture
 from tci.robot.kinematics import KinematicChain
+from tci.robot.like import RobotLike, as_robot
 from tci.skin.surfaces import Surface, surfaces_of
 
 FrameName = Literal["link", "limb", "torso"]
@@ -24,12 +25,13 @@ FrameName = Literal["link", "limb", "torso"]
 class Skin:
     """The whole skin of one robot. The object is immutable. The methods have the posture as an argument."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: RobotLike) -> None:
         """Builds the surface of every patch.
 
         Raises DescriptionError if the robot has no valid model, or if a patch does not fit the model or its
         own files. Raises UnknownNameError if the model lacks the link or a frame of a patch.
         """
+        robot = as_robot(robot)
         self.robot = robot
         self.kinematics = KinematicChain(robot)
         self.surfaces: Mapping[str, Surface] = {one.patch: one for one in surfaces_of(robot)}

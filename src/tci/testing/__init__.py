@@ -8,6 +8,7 @@ from tci.support.lazy import lazy_names
 
 if TYPE_CHECKING:
     from tci.testing.fake_driver import FakeDriver as FakeDriver
+    from tci.testing.touched_robot import PERIOD as PERIOD
     from tci.testing.touched_robot import TouchedRobot as TouchedRobot
     from tci.testing.touched_robot import perception as perception
 else:

@@ -19,8 +19,8 @@ from tci.capabilities.fields import ReceptiveField, default_fields
 from tci.errors import TciError
 from tci.lab.experiments.poke import Stimulus, poke
 from tci.messages.frames import Array
-from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
+from tci.robot.like import RobotLike, as_robot
 from tci.simulation.world import World
 
 SIDES = ("left_arm", "right_arm")
@@ -55,7 +55,7 @@ class WorldRun:
 
 
 def simulate(
-    robot: str | Robot,
+    robot: RobotLike,
     capability: Capability[Any] | None = None,
     *,
     worlds: int = 1,
@@ -78,6 +78,7 @@ def simulate(
     Raises TciError for fewer than one world or core, for an empty `sites`, and for an invalid duration.
     Raises the errors of `World`.
     """
+    robot = as_robot(robot)
     places = default_fields() if sites is None else tuple(sites)
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     used = min(available if cores is None else cores, worlds)
@@ -85,12 +86,11 @@ def simulate(
         raise TciError(f"{worlds} worlds on {cores} cores, {len(places)} sites; valid: at least one of each")
     if not 0.0 < duration < np.inf:
         raise TciError(f"duration {duration}; valid: above 0 s, and finite")
-    words = load_robot(robot) if isinstance(robot, str) else robot
     if capability is None:
         from tci.capabilities.withdrawal import WithdrawalReflex
 
         capability = WithdrawalReflex()
-    job = partial(_run, words, capability, places, duration, step, noise, seed)
+    job = partial(_run, robot, capability, places, duration, step, noise, seed)
     shares = [range(core, worlds, used) for core in range(used)]
     if used == 1:
         runs = job(shares[0])

@@ -81,6 +81,13 @@ class Robot(Description):
     def __hash__(self) -> int:
         return hash((self.name, self.digest))
 
+    def __repr__(self) -> str:
+        parts = ", ".join(part.name for part in self.parts)
+        skin = ", ".join(patch.name for patch in self.skin) or "nothing"
+        return f"Robot({self.name!r}: {len(self.servos)} servos; {parts}; skin on {skin})"
+
+    __str__ = __repr__
+
     @cached_property
     def coupling_rows(self) -> tuple[Array, Array, Array]:
         """All couplings as three arrays: rows (m, n_servos), lower (m,) [rad] and upper (m,) [rad]. The

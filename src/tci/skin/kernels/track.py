@@ -21,8 +21,8 @@ TRACK = np.dtype(
 )  # fmt: skip
 """History of one contact: index of its patch, identity, onset [s], time [s] of the latest frame with it,
 place [m] at the onset, and latest place [m]."""
-MATCH = np.dtype([("matched", np.bool_), ("track", np.int64), ("far", np.float64)], align=True)
-"""Track of one contact: True if it is decided, index of the track, and its distance [m] from the contact."""
+MATCH = np.dtype([("matched", np.bool_), ("number", np.int64), ("far", np.float64)], align=True)
+"""Track of one contact: True if it is decided, its index, and its distance [m] from the contact."""
 _FREE = -1
 
 
@@ -37,7 +37,7 @@ def _distance(one: Array, other: Array) -> float:
 def _is_taken(track: int, best: Records, begin: int, end: int) -> bool:
     taken = False
     for c in range(begin, end):
-        taken |= best[c].matched and best[c].track == track
+        taken |= best[c].matched and best[c].number == track
     return taken
 
 
@@ -52,12 +52,12 @@ def _find_nearest(
     is no such track within `reach` [m].
     """
     own, place = best[c], out.rows[c].p_L
-    own.track, own.far = _FREE, np.inf
+    own.number, own.far = _FREE, np.inf
     for i in range(known):
         if tracks[i].patch == out.rows[c].site:
             far = _distance(place, tracks[i].place)
             if far <= reach and far < own.far and not _is_taken(i, best, begin, end):
-                own.track, own.far = i, far
+                own.number, own.far = i, far
 
 
 @inlined
@@ -80,7 +80,7 @@ def _assign(
                 now, least = c, best[c].far
         if now < 0:
             break
-        if _is_taken(best[now].track, best, begin, end):  # a nearer contact has it
+        if _is_taken(best[now].number, best, begin, end):  # a nearer contact has it
             _find_nearest(now, tracks, known, reach, out, best, begin, end)
         else:
             best[now].matched = True
@@ -152,7 +152,7 @@ def track(
             new = _first_new(out, best, begin, end)
             if new < 0:
                 break
-            best[new].matched, best[new].track = True, used
+            best[new].matched, best[new].number = True, used
             one = tracks[used]
             one.patch, one.identity, one.onset = p, fresh, stamps[p]
             for axis in range(3):
@@ -160,7 +160,7 @@ def track(
             used += 1
             fresh += 1
         for c in range(begin, end):
-            own, contact = tracks[best[c].track], out.rows[c]
+            own, contact = tracks[best[c].number], out.rows[c]
             own.seen = stamps[p]
             for axis in range(3):
                 own.place[axis] = contact.p_L[axis]

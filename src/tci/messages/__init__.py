@@ -24,6 +24,7 @@ from tci.messages.commands import (
     PlatformSwitch,
     SwitchMode,
 )
+from tci.messages.contact_history import ContactHistory, ContactPath
 from tci.messages.contacts import Contact, Contacts, Site
 from tci.messages.modes import CONTROL_MODES, Mode, ModeLike
 from tci.messages.perception import Perception, SkinState, Support
@@ -36,6 +37,8 @@ __all__ = [
     "Clock",
     "Command",
     "Contact",
+    "ContactHistory",
+    "ContactPath",
     "Contacts",
     "GenericCommand",
     "JointReading",

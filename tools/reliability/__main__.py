@@ -23,11 +23,9 @@ from death import heartbeat
 from dropped import dropped
 from explore import loop
 from exposure import exposure
-from g1_faults import unitree_faults
+from g1 import unitree_faults, unitree_messages, unitree_motion
 from g1_hostile import unitree_hostile
 from g1_kills import unitree_kills
-from g1_messages import unitree_messages
-from g1_motion import unitree_motion
 from kills import yarp_kills
 from mutation import branches, mutation
 from non_finite import non_finite

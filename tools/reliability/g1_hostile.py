@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from g1_messages import ended, vendor_program
+from g1 import ended, vendor_program
 from pool import Job, Result, gather
 from row import Row
 

@@ -172,7 +172,7 @@ def test_set_points_are_ahead_on_the_way_that_the_gate_planned_and_end_where_it_
             Mode.POSITION, np.array([elbow.index]), np.array([start + way]), np.array([np.inf])
         )
         planned, sent[:] = [start], [start]
-        for now in driver.ticks(duration=20.0):
+        for now in driver.ticks(duration=60.0):
             first = [order] if len(planned) == 1 else []
             safe = driver.write(driver.gate.step(first, driver.read().joints, now))
             if safe.reason:  # the gate holds, and the robot starts again

@@ -1,5 +1,5 @@
-"""Exchanges messages at 500 Hz between TCI and the vendor's SDKs, checks the checksums, and measures the cost
-of a message."""
+"""Rows of a Unitree G1 over its own DDS topics: messages exchanged with the vendor's SDKs at 500 Hz, faults
+rehearsed, the first motion of a reflex compared with that within one process."""
 
 from __future__ import annotations
 
@@ -10,10 +10,18 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from pool import Result, gather
 from report import ROOT
+from rich.progress import track
 from row import Row
 
 from helpers.peers import peer_python
+from helpers.rehearsed import EXPECTED, Rehearsed, rehearse
+from helpers.wire_peers import Unitree
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.lab.experiments.experiment import trials_of
+from tci.lab.experiments.poke import Stimulus
+from tci.robot.catalogue import load_robot
 from tci.wires.unitree import messages
 from tci.wires.unitree.node import MOST, UnitreeNode, latest
 from tci.wires.unitree.wire import COMMAND, STATE, WEIGHT, decode_state, encode_command, encode_state
@@ -28,6 +36,16 @@ command."""
 PATIENCE = 30.0
 """Longest time [s] to wait in addition to the time of all messages."""
 PEER = ROOT / "tests" / "helpers" / "sdk_peer.py"
+TRIES = 10
+"""Number of attempts to rehearse one fault if the machine delays the processes. Assumed: at least one of ten
+attempts is in time even if other programs run."""
+WIRES = None, "unitree:lo/116 + yarp"
+"""Connections between reflex and robot: None for a reflex within the robot's process, otherwise the address
+of two middleware: joints over Unitree's topics, skin sleeves over YARP."""
+POKES = 10
+"""Number of pokes of one job: five fields of two arms."""
+ABOVE = 10.0
+"""Largest time [ms] by which the middleware may delay the first motion."""
 
 
 def unitree_messages(full: bool) -> Row:
@@ -122,3 +140,58 @@ def ended(process: subprocess.Popen[str]) -> dict[str, Any]:
     said, _ = process.communicate(timeout=PATIENCE)
     found: dict[str, Any] = json.JSONDecoder().raw_decode(said, said.index('{"'))[0]
     return found
+
+
+def unitree_faults(full: bool) -> Row:
+    """Rehearses each fault on a served robot whose arms move. Repeats a rehearsal that ends otherwise than
+    expected if the loop or the robot got no processor time meanwhile."""
+    names = [*EXPECTED] if full else ["dropped-frames", "stall"]
+    found: dict[str, Rehearsed] = {}
+    again = 0
+    peer = Unitree()
+    peer.start()
+    try:
+        for name in track(names, "faults over Unitree's topics"):
+            for _ in range(TRIES):
+                found[name] = rehearse(peer, name)
+                if not (found[name].wrong and found[name].late):
+                    break
+                again += 1
+    finally:
+        peer.stop()
+    wrong = [f"{name}: {one.wrong}" for name, one in found.items() if one.wrong]
+    return Row(
+        "faults injected into a G1, over Unitree's topics", len(found), len(EXPECTED), "faults",
+        f"{len(found) - len(wrong)} with the expected result; {again} delayed trials repeated "
+        f"{'; '.join(wrong)}".strip(),
+        "all with the expected result", not wrong,
+    )  # fmt: skip
+
+
+def unitree_motion(full: bool) -> Row:
+    """Pokes each field of both arms. The robot, the keeper of its motors and the reflex run in separate
+    processes."""
+    jobs = [(via, POKES * number) for via in WIRES for number in range(3 if full else 1)]
+    done = gather("unitree_motion", _pokes, jobs, full=full, alone=True)
+    near, far = (
+        np.array([time for one in done if one["wire"] is wire for time in one["first"]], dtype=float)
+        for wire in (False, True)
+    )
+    pokes = min(len(near), len(far))
+    late = far[:pokes] - near[:pokes]  # NaN if the robot never moved
+    above = float(np.median(late)) if pokes else np.nan
+    least, most = (bound(late, initial=0.0) for bound in (np.min, np.max))
+    return Row(
+        "delay of a G1's first motion, caused by the connection over Unitree's topics",
+        pokes,
+        3 * POKES,
+        "pokes",
+        f"median {above:.0f} ms, smallest {least:.0f} ms, largest {most:.0f} ms",
+        f"median at most {ABOVE:g} ms",
+        bool(above <= ABOVE),
+    )
+
+
+def _pokes(via: str | None, seed: int) -> Result:
+    trials = [*trials_of(load_robot("g1"), WithdrawalReflex(), stimulus=Stimulus(), seed=seed, via=via)]
+    return {"wire": via is not None, "first": [trial.first_motion_ms for trial in trials]}

@@ -128,7 +128,7 @@ def test_skin_frames_between_two_steps_can_be_read(as_run: list[Tick]) -> None:
 def test_what_a_caller_missed_is_kept_for_a_second_and_then_counted() -> None:
     with (
         SimulatedDriver(tci.load_robot("nao")) as driver,
-        Stepper(driver, period=3.0, patience=4.0) as stepper,
+        Stepper(driver, period=3.0) as stepper,
     ):
         stepper.observe()
         stepper.act()

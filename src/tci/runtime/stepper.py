@@ -28,8 +28,8 @@ from tci.runtime.result import Account, RunResult
 from tci.runtime.watchdogs import attentive, frozen_garbage, interruptions, usual_watchdogs
 
 PATIENCE = 0.5
-"""Default of `patience` [s]: does not hold a policy that takes two steps per second, and stops a robot whose
-program hangs before a person would."""
+"""Least default of `patience` [s]: does not hold a policy that takes two steps per second, and stops a robot
+whose program hangs before a person would."""
 KEPT = 1.0
 """Age [s] up to which perceptions wait for a caller who is late."""
 STUCK = 1.0
@@ -54,7 +54,7 @@ class Stepper:
         driver: Driver,
         *,
         period: float | None = None,
-        patience: float = PATIENCE,
+        patience: float | None = None,
         settings: BodySettings | None = None,
         see: Callable[[Tick], None] | None = None,
         guard: Callable[[], Reason | None] | None = None,
@@ -67,7 +67,8 @@ class Stepper:
             driver: Open and armed connection to the robot.
             period: Time [s] from one perception to the next that `observe` returns, rounded up to whole
                 periods of the driver. None: one period of the driver.
-            patience: Time [s] without `act` after which the robot holds, until `act` is called again.
+            patience: Time [s] without `act` after which the robot holds, until `act` is called again. None:
+                0.5 s, or twice `period` if that is longer.
             settings: Settings of the generic body. None: the default.
             see: Called with each period of the driver, in the thread that runs it, for example to record it.
             guard: As in `run`.
@@ -81,6 +82,7 @@ class Stepper:
         if not 0.0 < period < math.inf:
             raise TciError(f"Stepper: period {period} s; valid: above 0 and finite, or None")
         count = max(1, math.ceil(period / driver.period - ROUNDING))
+        patience = max(PATIENCE, 2.0 * period) if patience is None else patience
         if not count * driver.period <= patience < math.inf:
             raise TciError(f"Stepper: patience {patience} s; valid: at least the period, and finite")
         self.body = GenericBody(driver.robot, settings or BodySettings())

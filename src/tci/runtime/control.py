@@ -152,7 +152,8 @@ class Control:
                     self.driver.gate.stop(error.reason)
         moment = self._moment = Moment(now, reading, perception, took, missed, misfit)
         for watchdog in self._watchdogs:
-            self.driver.gate.hold(watchdog(moment))
+            if (reason := watchdog(moment)) is not None:
+                self.driver.gate.hold(reason)
         return moment
 
     def act(self, orders: Sequence[Order] = ()) -> SafeCommand:

@@ -150,6 +150,7 @@ class Stepper:
     def _check(self) -> None:
         if self._closed:
             raise DriverError("this Stepper is closed; valid: a new one")
+        self._periods.caller = threading.current_thread()
 
     def __enter__(self) -> Self:
         return self
@@ -318,7 +319,6 @@ class _Worker:
             raise self._failure
 
     def _wait_for(self, done: Callable[[], bool]) -> None:
-        self._periods.caller = threading.current_thread()
         self._changed.wait_for(lambda: self._closing or done(), self._wait)
         if done():
             return

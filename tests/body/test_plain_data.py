@@ -16,10 +16,6 @@ from helpers.touches import body_that
 from tci import messages
 from tci.body import BodySettings
 from tci.capabilities.body_withdrawal import BodyWithdrawal
-from tci.capabilities.contact_stop import ContactStop
-from tci.capabilities.play_gesture import PlayGesture
-from tci.capabilities.soft_reaction import SoftReaction
-from tci.gestures.gesture import Gesture, fit
 from tci.messages import JointReading, Landmark, LimbPlace, Mode, Perception, Reading, SkinFrame
 from tci.robot import initial_position
 from tci.skin import ContactSettings
@@ -42,19 +38,6 @@ def course() -> tuple[tci.GenericBody, list[Perception]]:
     """Returns a body and a sequence of perceptions of a robot that is touched at several places."""
     robot = TouchedRobot(NAO)
     return robot.body, [robot.perceive(touch, force=4.0) for touch in TOUCHES for _ in range(3)]
-
-
-def capabilities() -> dict[str, tci.Capability[Any]]:
-    times = np.linspace(0.0, 1.0, 21)
-    still = Gesture(times, {"left_arm": np.deg2rad(np.array([25.0, 25, 0, 60, 0]) + np.zeros((21, 1)))})
-    return {
-        "withdrawal": tci.WithdrawalReflex(refractory=0.05),
-        "by velocity": tci.WithdrawalReflex(mode=Mode.VELOCITY),
-        "whole body": BodyWithdrawal(stance="supported", refractory=0.05),
-        "soft": SoftReaction(),
-        "contact stop": ContactStop(tci.WithdrawalReflex(), quiet=0.05),
-        "gesture": tci.Arbiter([tci.WithdrawalReflex(), PlayGesture(fit(NAO, still))]),
-    }
 
 
 def numbers(value: object) -> Iterator[bytes]:
@@ -101,26 +84,6 @@ def test_no_field_of_a_message_is_callable() -> None:
     assert not told
     _, perceptions = course()
     assert not [place for seen in perceptions for place in callables(seen, "perception")]
-
-
-@COPIED
-@pytest.mark.parametrize("name", capabilities())
-def test_a_copy_of_the_arguments_changes_no_result(name: str, copied: Callable[[Any], Any]) -> None:
-    body, perceptions = course()
-    capability = capabilities()[name]
-    memory = capability.init(body)
-    sent = refused = 0
-    assert [*numbers(capability.begin(copied(perceptions[0]), body))] == [
-        *numbers(capability.begin(perceptions[0], body))
-    ]
-    for seen in perceptions:
-        again, after = capability.step(copied(memory), copied(seen), body)
-        commands, memory = capability.step(memory, seen, body)
-        assert [*numbers(again)] == [*numbers(commands)]
-        assert capability.notes(after) == capability.notes(memory)
-        assert capability.fault(copied(seen), body) == capability.fault(seen, body)
-        sent, refused = sent + len(commands), refused + len(capability.notes(memory))
-    assert sent
 
 
 @COPIED

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 import tci
 from helpers.touches import BODY, see
+from helpers.turning import Turn
 from tci.body.generic_body import GenericBody
 from tci.capabilities.arbiter import Arbiter
 from tci.capabilities.capability import Capability
@@ -248,24 +249,6 @@ def test_each_part_has_one_owner_in_each_step(claims: list[list[frozenset[str]]]
 
 
 # on simulated robots
-
-
-@dataclass(frozen=True)
-class Turn(Capability[None]):
-    """Bends both elbows to and fro, by velocities."""
-
-    phase: float = 0.0
-    """Where in the motion it begins [rad]."""
-
-    def init(self, body: GenericBody) -> None:
-        return None
-
-    def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
-        return tuple(SwitchMode(part, Mode.VELOCITY) for part in (LEFT, RIGHT))
-
-    def step(self, memory: None, perception: Perception, body: GenericBody) -> tuple[tuple[Order, ...], None]:
-        speed = np.array([0.0, 0.0, 0.0, 0.4 * np.cos(8.0 * perception.stamp + self.phase), 0.0])
-        return tuple(GenericCommand(part, Mode.VELOCITY, speed) for part in (LEFT, RIGHT)), None
 
 
 class AtRest(DriverWrapper):

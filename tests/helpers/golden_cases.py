@@ -26,6 +26,7 @@ import numpy as np
 import tci
 from helpers import TESTS
 from helpers.rehearsal import Sway
+from helpers.turning import Turn
 from tci.body.generic_body import GenericBody
 from tci.capabilities import default_fields
 from tci.capabilities.behaviour_tree import BehaviourTree, Reflex, Task
@@ -89,6 +90,11 @@ class Turned(Steered):
         return super().step(memory, perception, body)
 
 
+def arbiter() -> tci.Arbiter:
+    """A reflex that aims at positions above a task that commands velocities."""
+    return tci.Arbiter([tci.WithdrawalReflex(refractory=0.2), Turn()])
+
+
 def poke_palm(driver: SimulatedDriver) -> None:
     driver.world.finger.poke("left_palm", 13, speed=0.2, depth=0.003)
 
@@ -134,6 +140,7 @@ CASES: dict[str, Case] = {
         "nao/robot.xml", lambda: tci.ContactStop(Sway(), quiet=0.15), duration=0.6, ends=0.3
     ),
     "gesture": Case("nao/robot.xml", gesture, duration=1.3, ends=0.4),
+    "arbiter": Case("nao/robot.xml", arbiter, duration=0.7, ends=0.35),
     "tree": Case("nao/robot.xml", tree, duration=0.8, ends=0.35),
     "steered": Case("nao/robot.xml", lambda: Turned(tci.WithdrawalReflex()), duration=0.4),
     "three-axes": Case("nao/three_axes.xml"),

@@ -11,7 +11,6 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from operator import gt, lt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,25 +144,23 @@ class Conditioner:
             if len({*names}) < len(names):
                 return self._step_each(frames)
             buffer.arrange(names)
-        sequences = [frame.sequence for frame in frames]
-        known = (self._sequence if buffer.whole else self._sequence[buffer.which]).tolist()
-        if not all(map(gt, sequences, known)):
-            fresh = [frame for frame, last in zip(frames, known, strict=True) if self._is_new(frame, last)]
-            if len(fresh) < len(frames):
-                late = sum(map(lt, sequences, known)) - sum(
-                    frame.sequence < self._sequence[self.layout.places[frame.patch]] for frame in fresh
-                )
-                taken = self.step(fresh)
-                self.late += late
-                return taken
+        known, stamps = self._sequence.tolist(), self.state.stamp.tolist()
+        fresh, late = list[SkinFrame](), 0
+        for frame, p in zip(frames, buffer.which.tolist(), strict=True):
+            if frame.sequence > known[p] or not frame.stamp <= stamps[p] + RESTART:
+                fresh.append(frame)
+            else:
+                late += frame.sequence < known[p]
+        if len(fresh) < len(frames):
+            taken = self.step(fresh)
+            self.late += late
+            return taken
         values = [*map(np.asarray, [frame.values for frame in frames])]
         buffer.check(values)
         self.catch_up()
         buffer.fill(values)
-        # Each step needs a new array, because the states refer to this array.
-        sequence = np.array(sequences, np.int64) if buffer.whole else self._sequence.copy()
-        if not buffer.whole:
-            sequence[buffer.which] = sequences
+        sequence = self._sequence.copy()  # the states refer to the array before
+        sequence[buffer.which] = [frame.sequence for frame in frames]
         self._sequence = sequence
         self._condition(frames)
         return True
@@ -211,10 +208,6 @@ class Conditioner:
             self._buffer.check([np.asarray(frame.values)])
         taken = [self.step([frame]) for frame in frames]  # a list, so that all frames are processed
         return any(taken)
-
-    def _is_new(self, frame: SkinFrame, known: int) -> bool:
-        stamp = self._memory.patches[self.layout.places[frame.patch]]["stamp"]
-        return frame.sequence > known or not frame.stamp <= stamp + RESTART
 
     def _condition(self, frames: Sequence[SkinFrame]) -> None:
         memory, buffer = self._memory, self._buffer

@@ -29,6 +29,7 @@ from tci.skin.kernels.arrays import (
     Estimates,
     Limits,
     Records,
+    room_for,
 )
 from tci.skin.kernels.contacts import SUMMARY, cluster, describe
 from tci.skin.kernels.isolated import reject_isolated
@@ -123,7 +124,7 @@ class ContactFinder:
             return self.contacts
         angles, links = self._angles(posture), poses()
         made = ContactArrays.empty(count, taxels)
-        room = np.empty(count, SUMMARY)
+        room = room_for(count, SUMMARY)
         _describe(layout.arrays, estimates.hidden, clusters, links, angles, room, made)
         if state.vector is not None:
             self._turn(made, state, state.vector, links)
@@ -143,7 +144,7 @@ class ContactFinder:
         arrays, before = self.layout.arrays, self.contacts
         starts = self.layout.starts[before.site]
         touched = before.taxel + np.repeat(starts, np.diff(before.begin))
-        fresh = np.empty(single, WAITING)
+        fresh = room_for(single, WAITING)
         count, taxels, waits = _reject_isolated(
             active, arrays, estimates, self._clusters, settings.reach, self.settings.floor,
             self._rules, touched, self._waiting, fresh,
@@ -211,7 +212,7 @@ def describe_touches(
     made = ContactArrays.empty(count, count)
     angles = _limb_angles(layout.parts, posture)
     whole = np.zeros(len(layout.arrays.taxels))
-    _describe(layout.arrays, whole, clusters, poses, angles, np.empty(count, SUMMARY), made)
+    _describe(layout.arrays, whole, clusters, poses, angles, room_for(count, SUMMARY), made)
     return made
 
 

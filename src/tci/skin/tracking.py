@@ -8,7 +8,7 @@ import numpy as np
 
 from tci.errors import TciError
 from tci.messages.frames import Array
-from tci.skin.kernels.arrays import ContactArrays
+from tci.skin.kernels.arrays import ContactArrays, room_for
 from tci.skin.kernels.track import MATCH, TRACK, track
 from tci.support.compiled import entry
 
@@ -49,8 +49,8 @@ class Tracker:
         frame before, at a distance of at most `reach`; the nearest pairs are matched first. Contacts without
         a match are new.
         """
-        tracks = np.empty(len(self._tracks) + len(contacts.rows), TRACK)
-        best = np.empty(len(contacts.rows), MATCH)
+        tracks = room_for(len(self._tracks) + len(contacts.rows), TRACK)
+        best = room_for(len(contacts.rows), MATCH)
         self._next, used = _track(
             self._tracks,
             stamps,

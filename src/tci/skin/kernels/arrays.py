@@ -81,6 +81,11 @@ time [s] since which it is active alone, the force [N] on it, how often this for
 True if it is the last pressed taxel of a contact whose other taxels have been released."""
 
 
+def room_for(count: int, kind: np.dtype[np.void]) -> Records:
+    """New records without values. `np.empty` would take 0.1 us per field of the records."""
+    return np.ndarray(count, kind, np.empty(count * kind.itemsize, np.uint8))
+
+
 class LayoutArrays(NamedTuple):
     """Constant properties of all n taxels and p patches of a robot. The taxels are in the order of their
     patches."""
@@ -247,7 +252,7 @@ class ContactArrays(NamedTuple):
     @classmethod
     def empty(cls, count: int, taxels: int) -> ContactArrays:
         """Room for `count` contacts that have `taxels` taxels altogether."""
-        return cls(np.empty(count, CONTACT), np.empty(count + 1, np.int64), np.empty(taxels, PRESSED))
+        return cls(room_for(count, CONTACT), np.empty(count + 1, np.int64), room_for(taxels, PRESSED))
 
 
 LAYOUT = record(

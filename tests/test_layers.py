@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 import sys
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -57,6 +58,7 @@ MODULES = {
 WIRE_MODULES = {module_of(path): path for path in sorted(WIRE.rglob("*.py")) if path != WIRE / "__init__.py"}
 
 
+@cache
 def imported(path: Path) -> set[str]:
     """Returns the modules that a file imports. Includes imports inside functions and imports for types
     only."""

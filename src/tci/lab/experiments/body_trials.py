@@ -37,12 +37,8 @@ def answerable(body: GenericBody, field: BodyField) -> list[str]:
 
 
 def deaf(reflex: BodyWithdrawal) -> BodyWithdrawal:
-    """Returns a copy of `reflex` that never responds, so that each part keeps its posture.
-
-    The force thresholds of the copy are 1 MN, which is far above the force of any touch.
-    """
-    force = reflex.fields.force.model_copy(update={"threshold_n": 1e6, "saturation_n": 2e6})
-    return replace(reflex, fields=reflex.fields.model_copy(update={"force": force}))
+    """`reflex` without receptive fields: each part keeps its posture, in the same mode."""
+    return replace(reflex, fields=reflex.fields.model_copy(update={"field": ()}))
 
 
 def body_trials_of(

@@ -39,10 +39,9 @@ def build(kind: str, source: Path, folder: Path) -> Path:
 
 
 def lend_machine_code(there: Path) -> None:
-    """Copies numba's caches of the loops, because compiling takes a minute. The caches are valid for equal
-    sources."""
+    """Copies the loops' machine code, because compiling takes a minute. It is valid for equal sources."""
     here = ROOT / "src" / "tci"
-    for cache in [path for path in here.rglob("__pycache__/*") if path.suffix in (".nbi", ".nbc")]:
+    for cache in here.rglob("__pycache__/*.loop"):
         copy = there / cache.relative_to(here)
         copy.parent.mkdir(exist_ok=True)
         shutil.copy(cache, copy)

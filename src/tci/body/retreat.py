@@ -24,9 +24,7 @@ from tci.robot.description import Robot
 from tci.robot.joint_map import JointMap, joint_map
 from tci.skin.layout import SkinLayout
 from tci.skin.skin import Skin
-from tci.support.compiled import entry
 
-_predict, _retreats = entry(predict), entry(retreats)
 AHEAD = 0.1
 """In velocity mode, the target of a prediction is the posture that the velocity reaches after this time [s].
 Assumed: the next skin frame comes much sooner."""
@@ -53,7 +51,7 @@ class Retreat:
             self._chain.path(ends.tolist()),
             self._chain.steps,
             self._chain.sums,
-            np.array([after[patch.description.link] for patch in layout.patches], np.int64),
+            read_only([after[patch.description.link] for patch in layout.patches], np.int64),
         )
 
     def along(
@@ -95,7 +93,7 @@ class Retreat:
         way = np.empty((TIMES + 1, len(position)))
         way[:] = position
         together = mode in (Mode.POSITION, Mode.IMPEDANCE)
-        _predict(way, moved.joints.servos, goal, moved.speeds(position), together)
+        predict(way, moved.joints.servos, goal, moved.speeds(position), together)
         return self._displacements(way, moved, contacts, OBJECT)
 
     def at_ends(self, position: Array, contacts: Contacts, part: str, targets: Array) -> Array:
@@ -114,13 +112,13 @@ class Retreat:
         result = np.zeros((3 if radius else 2, len(way) - 1, count))
         if moved.joints.servos.size and count:
             after = [self._after[contacts.sites[site].patch] for site in contacts.site.tolist()]
-            _retreats(
+            retreats(
                 self._chain.extended(way),
                 self._links,
                 Touched(
                     read_only(after, np.int64),
-                    np.ascontiguousarray(contacts.p_L, np.float64),
-                    np.ascontiguousarray(contacts.n_L, np.float64),
+                    read_only(contacts.p_L),
+                    read_only(contacts.n_L),
                 ),
                 self._layout,
                 radius,

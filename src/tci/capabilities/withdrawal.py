@@ -37,9 +37,7 @@ from tci.messages import (
 from tci.messages.frames import read_only
 from tci.reasons import Reason
 from tci.robot.generic_arm import JOINTS
-from tci.support.compiled import entry
 
-_find_answers = entry(find_answers)
 DISCOUNTS = ("linear", "cosine")
 """Valid values of the setting `distance_discount`."""
 MODES = (Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE)
@@ -200,7 +198,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         nearest, gains = np.empty((RANKS, len(contacts)), np.int64), np.empty((RANKS, len(contacts)))
         cosine = self.distance_discount == "cosine"
         table = segments_of(contacts), contacts.rows, contacts.begin, contacts.taxel_rows
-        _find_answers(*self._tables, cosine, *table, nearest, gains)
+        find_answers(*self._tables, cosine, *table, nearest, gains)
         wide = [one.name for one in surround]
         narrow = [part for part, one in memory.motions.items() if one.field.name not in wide]
         parts = [contacts.sites[site].part for site in contacts.site.tolist()]

@@ -19,7 +19,6 @@ from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, Pla
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot, Servo
-from tci.support.compiled import entry
 
 NEEDED = ("lower", "upper", "velocity", "acceleration", "jerk")
 """Limits that are required to move a servo."""
@@ -34,7 +33,6 @@ SLOWEST = 1e-3
 """Least speed [rad/s] that a command may request. The library ruckig plans motions of at most two hours.
 Assumed: at a speed below this value, a motion over the full range of a joint would take longer than two
 hours."""
-_all_finite, _is_acceptable = entry(all_finite), entry(is_acceptable)
 INDICES, DOUBLES = np.dtype(np.intp), np.dtype(np.float64)
 
 
@@ -55,7 +53,7 @@ def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after
     if not joints.position.dtype == joints.velocity.dtype == DOUBLES:
         words = f"joint angles of type {joints.position.dtype}, velocities of {joints.velocity.dtype}"
         raise TypeError(f"{words}; valid: {DOUBLES}")
-    if not _all_finite(joints.position):
+    if not all_finite(joints.position):
         worst = int(np.argmin(np.isfinite(joints.position)))
         return Reason(Code.JOINTS_MISFIT, f"the angle of {robot.servos[worst].name} is not finite")
     age = now - joints.stamp
@@ -83,7 +81,7 @@ def check_command(robot: Robot, command: PlatformCommand) -> tuple[NDArray[np.in
     Raises CommandError if a shape or a value is invalid.
     """
     servos, values, speed = command.servos, command.values, command.speed
-    if is_usual(command) and _is_acceptable(servos, values, speed, len(robot.servos), SLOWEST):
+    if is_usual(command) and is_acceptable(servos, values, speed, len(robot.servos), SLOWEST):
         return servos.copy(), values.copy(), speed.copy()
     _refuse_wrong(robot, command)
     return servos.astype(np.intp), values.astype(np.float64), speed.astype(np.float64)

@@ -13,9 +13,7 @@ from tci.gate.self_collision import SelfCollision
 from tci.gate.stop_plan import StopTrajectory
 from tci.messages.frames import Array
 from tci.reasons import Reason
-from tci.support.compiled import entry
 
-_take_room = entry(take_room)
 LOOKS = 16
 """Number of points of a planned stop at which the robot is checked for self-collision, including both ends.
 Assumed: the number is sufficient, because `SelfCollision` also checks the path between two points."""
@@ -62,10 +60,10 @@ class BodyGuard:
         if (box := self._box).shape[1] != len(measured):
             box = self._box = np.empty((2, len(measured)))
         box[:] = measured
-        _take_room(index, measured, stop.here, stop.span, box)
+        take_room(index, measured, stop.here, stop.span, box)
         for other in others:
             limiter = other.limiter
-            _take_room(other.index, measured, self._before.get(other, limiter.position), limiter.span, box)
+            take_room(other.index, measured, self._before.get(other, limiter.position), limiter.span, box)
         if self._body.keeps_margin(box):
             return None
         return self._fault_of_path(index, stop, others, measured)

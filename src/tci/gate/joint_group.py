@@ -24,9 +24,6 @@ from tci.messages.frames import Array
 from tci.reasons import Code
 from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
-from tci.support.compiled import entry
-
-_take_targets = entry(take_targets)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +67,7 @@ class JointGroup:
         `values` and `speeds` the type np.float64, because a compiled loop reads them.
         """
         limiter = self.limiter
-        farthest: float = _take_targets((servos, values, speeds), box, FAR_OFF, SLOWEST, self.arrays, sent)
+        farthest: float = take_targets((servos, values, speeds), box, FAR_OFF, SLOWEST, self.arrays, sent)
         if farthest >= 0.0:
             limiter.begin()
         return farthest

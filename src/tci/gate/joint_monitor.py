@@ -29,9 +29,7 @@ from tci.messages import JointReading, Mode
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
-from tci.support.compiled import entry
 
-_judge_reading = entry(judge_reading)
 JUDGED = (Mode.POSITION, Mode.VELOCITY)
 """Modes in which the measured motion must follow the reference. In other modes a joint may yield to forces,
 so the monitor checks instead that the measured angle agrees with the measured velocity and the torque."""
@@ -151,7 +149,7 @@ class JointMonitor:
         if reference.modes is not self._modes:
             self._sort(reference.modes)
         pushed = np.zeros(len(reference.servos)) if torque is None else torque
-        found = _judge_reading(
+        found = judge_reading(
             self._arrays, reference.servos, self._kinds, reference.position, reference.velocity, pushed,
             joints.position, joints.velocity, joints.stamp, elapsed,
         )  # fmt: skip

@@ -20,7 +20,6 @@ from tci.robot.clearance import Clearance, without_skin
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 from tci.skin.kernels.arrays import Indices
-from tci.support.compiled import entry
 from tci.support.engine import mujoco
 
 MARGIN = 0.005
@@ -42,7 +41,6 @@ checks."""
 SPECK = 1e-6
 """Distance [m] between two links below which the direction from one link to the other is only a rounding
 error."""
-_come_near, _follow, _stand = entry(come_near), entry(follow), entry(stand)
 
 
 @lru_cache(maxsize=8)
@@ -113,7 +111,7 @@ class SelfCollision:
             return None
         way = self._of_joints(path)
         self._at[:] = 0
-        while asked := _follow(
+        while asked := follow(
             self._arrays, self._known, count, way, self._strides, STRIDE, self.margin, self._at, self._asked
         ):
             pairs = self._asked[:asked].copy()
@@ -140,7 +138,7 @@ class SelfCollision:
     def _near(self, box: Array) -> int:
         """Returns the number of pairs of links whose distance may fall below the margin while the servos are
         between the least and largest angles `box` (2, n_servos) [rad]."""
-        count: int = _come_near(*self._fixed, box, self._ends, self.margin)
+        count: int = come_near(*self._fixed, box, self._ends, self.margin)
         return count
 
     def _measure(self, angles: Array, pairs: Indices, axis: Array | None = None) -> Array:
@@ -148,7 +146,7 @@ class SelfCollision:
         `angles` (j,) [rad] of the model's joints. Distances above 1 m (SIGHT) count as 1 m. If `axis` (p, 3)
         is given, writes the direction between the two links of each of these pairs into it."""
         s, data, segment = self._solids, self._data, self._segment
-        _stand(self._arrays, angles, self._frames, data.geom_xpos, data.geom_xmat, s.geoms)
+        stand(self._arrays, angles, self._frames, data.geom_xpos, data.geom_xmat, s.geoms)
         result = np.empty(len(pairs))
         for index, pair in enumerate(pairs.tolist()):
             one, other = s.geoms[s.pairs[pair]].tolist()

@@ -9,9 +9,7 @@ import numpy as np
 from tci.gate.kernels.motion import all_finite
 from tci.messages import JointReading
 from tci.messages.frames import Array
-from tci.support.compiled import entry
 
-_all_finite = entry(all_finite)
 SMOOTHING = 0.05
 """Time constant [s] of the smoothed speed that is estimated from successive angles. Assumed: with a shorter
 time constant, the resolution of an encoder looks like a speed; with a longer time constant, a motion is
@@ -63,7 +61,7 @@ class Speeds:
         """Returns the speeds (n,) [rad/s] at a new reading. If the measured speed of a servo is NaN, its
         speed is estimated."""
         before, self._before = self._before or joints, joints
-        if _all_finite(joints.velocity):
+        if all_finite(joints.velocity):
             self._guess = joints.velocity
             return joints.velocity
         passed = joints.stamp - before.stamp

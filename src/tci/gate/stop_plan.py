@@ -27,9 +27,7 @@ from tci.gate.kernels.stops import (
     plan_stop,
 )
 from tci.messages.frames import Array
-from tci.support.compiled import entry
 
-_plan_stop, _follow_stop = entry(plan_stop), entry(follow_stop)
 LONGEST_STOP = 512
 """Largest number of periods of a stop near the limit of a coupling; a longer stop is not permitted there.
 This number bounds the computing time, since such a stop is checked period by period. Assumed: a stop from
@@ -60,7 +58,7 @@ class StopTrajectory:
         """Returns angles [rad], velocities [rad/s] and accelerations [rad/s2] (k, 3, n) at `times` (k,) [s]
         after the stop begins."""
         states = np.empty((len(times), 3, self.way.shape[1]))
-        _follow_stop(self.way, times, states)
+        follow_stop(self.way, times, states)
         return states
 
 
@@ -95,7 +93,7 @@ class StopPlanner:
         outside than `here`.
         """
         stop = self.planned
-        inside, keeps, self.outside, stop.duration = _plan_stop(state, here, *self._checked, stop.way)
+        inside, keeps, self.outside, stop.duration = plan_stop(state, here, *self._checked, stop.way)
         # The check of the box around the stop is quick, and sufficient while no coupling is near.
         return inside and (keeps or self._keeps_couplings(stop))
 

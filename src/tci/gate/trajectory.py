@@ -14,9 +14,7 @@ from tci.gate.stop_plan import StopPlanner, StopTrajectory
 from tci.gate.way_inside import OUTSIDE, STILL, UNPLANNED, creeping, sags, was_there
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
-from tci.support.compiled import entry
 
-_straight_limits = entry(straight_limits)
 LEAST_SHARE = 1e-6
 """In a straight motion, the limits of each servo are proportional to its distance from the target. A distance
 below this fraction of the longest distance is replaced by this fraction, because ruckig needs limits above 0.
@@ -363,7 +361,7 @@ class OnlineTrajectory:
         if self._straight:
             limits = np.empty((3, len(jerk)))
             here = self.position
-            _straight_limits(here, self.target, self._most, acceleration, jerk, MARGIN, LEAST_SHARE, limits)
+            straight_limits(here, self.target, self._most, acceleration, jerk, MARGIN, LEAST_SHARE, limits)
             self._most, acceleration, jerk = limits
         elif not was:  # the planner already has these limits
             return

@@ -14,9 +14,7 @@ from tci.robot.kernels.joints import combine_servos
 from tci.robot.like import RobotLike, as_robot
 from tci.robot.per_robot import per_robot
 from tci.robot.transforms import KINDS, Coupled, Linear, Retarget, Synergy, Table, Transform, servo_speeds
-from tci.support.compiled import entry
 
-_combine_servos = entry(combine_servos)
 WAYPOINTS = 65
 """Number of postures on the way of a command with a speed at which the largest speeds of the servos are
 computed. Assumed: between two of them a servo turns by less than 3 degrees, and the derivative is near its
@@ -224,7 +222,7 @@ class Postures:
         """Returns the generic angles (n,) [rad] of every part, by the name of the part, for the `position`
         (n_servos,) [rad] of all servos. The arrays are read-only."""
         generic: Array = self._fixed.copy()
-        _combine_servos(np.ascontiguousarray(position, np.float64), *self._constant, generic)
+        combine_servos(np.ascontiguousarray(position, np.float64), *self._constant, generic)
         for ids, transform in self._others:
             generic[ids] = transform.generic(position[transform.servos])
         generic.setflags(write=False)

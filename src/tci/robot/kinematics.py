@@ -22,10 +22,9 @@ from tci.robot.description import Model, Robot
 from tci.robot.kernels.links import BEFORE, SERVO, link_poses, pose_and_jacobian
 from tci.robot.like import RobotLike, as_robot
 from tci.robot.model_file import BOUND_INERTIA, BOUND_MASS, compiled, load_spec
-from tci.support.compiled import entry
 from tci.support.engine import mujoco
 
-_link_poses, _ORIGIN = entry(link_poses), np.zeros(3)
+_ORIGIN = np.zeros(3)
 _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 _ONE_AXIS = int(mujoco.mjtJoint.mjJNT_HINGE), _SLIDE
 Indices = NDArray[np.int64]
@@ -174,7 +173,7 @@ class KinematicChain:
 
     def _poses(self, position: ArrayLike, ends: Indices, path: Indices) -> Array:
         poses, work = np.empty((len(ends), 4, 4)), np.empty((len(self.steps), 3, 4))
-        _link_poses(self._checked(position), path, self.steps, self.sums, ends, self.torso, work, poses)
+        link_poses(self._checked(position), path, self.steps, self.sums, ends, self.torso, work, poses)
         return poses
 
     def _above(self, step: int) -> list[int]:

@@ -210,7 +210,9 @@ def within(
     return count, nearest
 
 
-@compiled(int64(reads(2), reads(1, int64), views(1), views(1), float64, writes(1, int64), writes(2)))
+@compiled(
+    int64(reads(2), reads(1, int64), views(1), views(1), float64, writes(1, int64), writes(2)), seldom=True
+)
 def _spread(
     positions: Array, among: Array, point: Array, normal: Array, sigma: float, near: Array, work: Array
 ) -> int:

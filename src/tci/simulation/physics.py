@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 
 from tci.messages.frames import Array, transform
 from tci.simulation import stepping
-from tci.support.compiled import entry
 from tci.support.engine import mujoco
 
-_march = entry(stepping.march)
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -89,7 +87,9 @@ class Physics:
         `others` are three groups of arrays: of the servos, the finger and the skin.
         """
         with self.lock:
-            self.steps = _march(self._engine, self.steps, until, self.step, self._moved, self._kept, *others)
+            self.steps = stepping.march(
+                self._engine, self.steps, until, self.step, self._moved, self._kept, *others
+            )
 
     def refresh(self) -> None:
         """Updates poses, contacts and sensors to the current joint angles. Nothing else changes."""

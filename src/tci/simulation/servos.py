@@ -17,7 +17,6 @@ from tci.messages.frames import Array, read_only
 from tci.robot.description import Robot
 from tci.simulation import stepping as at
 from tci.simulation.physics import Physics
-from tci.support.compiled import entry
 from tci.support.engine import mujoco
 
 TIME_CONSTANT = 5e-3
@@ -31,7 +30,6 @@ slow servo has a gear, so the inertia of its motor is large."""
 _LEAST_ARMATURE = 1e-4
 """Least inertia [kg m2] of a motor, as it acts at the joint. Assumed: with this inertia the gains of very
 light links are above 0."""
-_aim, _fault_of, _measure = entry(at.aim), entry(at.fault_of), entry(at.measure)
 _INDEX, _NUMBER = np.dtype(np.int64), np.dtype(np.float64)
 
 
@@ -143,7 +141,7 @@ class Servos:
         """Sets targets `angles` (k,) [rad]. Raises CommandError for an invalid servo or angle."""
         if not (_plain(servos, _INDEX) and _plain(angles, _NUMBER) and len(servos) == len(angles)):
             servos, angles = _checked(servos, angles, len(self._home))
-        if _aim(servos, angles, self._top, self._ramp_steps, self.places, self.asked, self.state):
+        if at.aim(servos, angles, self._top, self._ramp_steps, self.places, self.asked, self.state):
             _checked(servos, angles, len(self._home))  # raises the error
 
     def set_stiffness(self, servos: ArrayLike, share: ArrayLike) -> None:
@@ -232,7 +230,7 @@ class Servos:
         """
         found = np.empty((3, len(self._home)))
         physics = self._physics
-        _measure(physics.qpos, physics.qvel, physics.motors, self.places, self.asked, self.state, found)
+        at.measure(physics.qpos, physics.qvel, physics.motors, self.places, self.asked, self.state, found)
         found.setflags(write=False)
         return found
 
@@ -304,7 +302,7 @@ def _checked(
         raise CommandError(f"{numbers.size} values for {index.size} servos; valid: one for each")
     whole = index.dtype.kind in "iu" or not index.size
     index = index.astype(np.intp, copy=False) if whole else index
-    fault = _fault_of(index, numbers, count) if whole else 1
+    fault = at.fault_of(index, numbers, count) if whole else 1
     if fault == 1:
         raise CommandError(f"servos {index.tolist()}; valid: 0 to {count - 1}")
     if fault == 2:

@@ -17,9 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 from tci.errors import TciError
 from tci.messages.frames import Array
 from tci.skin.kernels.baseline import ROOM, BaselineArrays, Window, WindowSettings, update_baseline
-from tci.support.compiled import entry
-
-_update_baseline = entry(update_baseline)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +148,7 @@ class Baseline:
             float(s.threshold), float(s.quiet), float(s.fluctuating), float(s.share), float(s.lively),
             self.typical_noise, self._slew * elapsed, self._floor, own, release, noise,
         )  # fmt: skip
-        self.typical_noise = _update_baseline(
+        self.typical_noise = update_baseline(
             self._estimates, window, healthy, self._neighbours, settings, self._afresh, self._room
         )
         self._afresh = False

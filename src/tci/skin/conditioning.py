@@ -23,18 +23,15 @@ from tci.skin.estimation import PatchEstimator
 from tci.skin.frame_buffer import FrameBuffer
 from tci.skin.health import Health, HealthSettings
 from tci.skin.kernels.arrays import ActiveTaxels, Estimates, SkinMemory
-from tci.skin.kernels.condition import condition
+from tci.skin.kernels.condition import condition, condition_of_floats
 from tci.skin.layout import SkinLayout
 from tci.skin.shear import ForceVectors
-from tci.support.compiled import entry
 
 RESTART = 1.0
 """If a frame has a lower sequence number than the previous frame, but its stamp is later by more than this
 time [s], the sender counts as restarted. Assumed: with a shorter time, a frame out of order could look like a
 restart. With a longer time, the frames of a restarted sender would be ignored for longer."""
-_CONDITION = {np.dtype(kind): entry(condition, k) for k, kind in enumerate((np.uint8, np.float32))}
-"""Compiled function that turns raw frames into pressure, for each data type of raw values (uint8, float32).
-"""
+_CONDITION = {np.dtype(np.uint8): condition, np.dtype(np.float32): condition_of_floats}
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +80,8 @@ class Conditioner:
         """Estimators of rest values, noise and health, one for each patch."""
         taxels, patches = len(layout.arrays.taxels), len(layout.patches)
         self._buffer = FrameBuffer(layout)
+        if self._buffer.raw.dtype == np.float32:
+            condition_of_floats.prepare()
         self.estimates = Estimates.initial(taxels)
         self._memory = SkinMemory.initial(patches, taxels, smooth=settings.latency > 0.0)
         state = self._memory.patches

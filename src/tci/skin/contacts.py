@@ -35,10 +35,8 @@ from tci.skin.kernels.contacts import SUMMARY, cluster, describe
 from tci.skin.kernels.isolated import reject_isolated
 from tci.skin.layout import AXES, SkinLayout
 from tci.skin.tracking import Tracker
-from tci.support.compiled import entry
 
 _NONE = Contacts.of(())
-_cluster, _describe, _reject_isolated = entry(cluster), entry(describe), entry(reject_isolated)
 Measure = Literal["total", "weighted", "peak"]
 """Kind of scalar force of a contact: "total" is the force of the whole touch, "weighted" the mean F-bar of
 eq. 7, "peak" the force on the strongest taxel."""
@@ -114,7 +112,7 @@ class ContactFinder:
         active = ActiveTaxels(state.stamp, state.begin, state.active, state.pressure)
         count = single = 0
         if len(state.active):
-            count, taxels, single = _cluster(active, self._limits, estimates.onset, layout.arrays, clusters)
+            count, taxels, single = cluster(active, self._limits, estimates.onset, layout.arrays, clusters)
         waiting: Records = self._waiting[:0]
         if single and settings.isolated is not None:
             count, taxels, waiting = self._reject(active, estimates, settings.isolated, single)
@@ -125,7 +123,7 @@ class ContactFinder:
         angles, links = self._angles(posture), poses()
         made = ContactArrays.empty(count, taxels)
         room = room_for(count, SUMMARY)
-        _describe(layout.arrays, estimates.hidden, clusters, links, angles, room, made)
+        describe(layout.arrays, estimates.hidden, clusters, links, angles, room, made)
         if state.vector is not None:
             self._turn(made, state, state.vector, links)
         self._tracker.follow(made, state.stamp)
@@ -145,7 +143,7 @@ class ContactFinder:
         starts = self.layout.starts[before.site]
         touched = before.taxel + np.repeat(starts, np.diff(before.begin))
         fresh = room_for(single, WAITING)
-        count, taxels, waits = _reject_isolated(
+        count, taxels, waits = reject_isolated(
             active, arrays, estimates, self._clusters, settings.reach, self.settings.floor,
             self._rules, touched, self._waiting, fresh,
         )  # fmt: skip
@@ -212,7 +210,7 @@ def describe_touches(
     made = ContactArrays.empty(count, count)
     angles = _limb_angles(layout.parts, posture)
     whole = np.zeros(len(layout.arrays.taxels))
-    _describe(layout.arrays, whole, clusters, poses, angles, room_for(count, SUMMARY), made)
+    describe(layout.arrays, whole, clusters, poses, angles, room_for(count, SUMMARY), made)
     return made
 
 

@@ -10,9 +10,6 @@ from tci.errors import TciError
 from tci.messages.frames import Array
 from tci.skin.kernels.arrays import ContactArrays, room_for
 from tci.skin.kernels.track import MATCH, TRACK, track
-from tci.support.compiled import entry
-
-_track = entry(track)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +48,7 @@ class Tracker:
         """
         tracks = room_for(len(self._tracks) + len(contacts.rows), TRACK)
         best = room_for(len(contacts.rows), MATCH)
-        self._next, used = _track(
+        self._next, used = track(
             self._tracks,
             stamps,
             self.settings.reach,

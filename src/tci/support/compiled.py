@@ -1,118 +1,188 @@
-"""Compiles loops ahead of time with numba, for one signature that all callers share.
+"""Loops in machine code: compiled by numba for declared types, and kept on disk.
 
-Loops are compiled once. Their machine code is cached on disk until a source file that they depend on changes.
+One file keeps the machine code of one loop. It is valid until the loop's file, a file that this one imports,
+numba or the processor changes; numba's own cache looks at the loop's file only, and would run old code after
+a change elsewhere. The files lie in `__pycache__` beside the source, in the user's cache if that folder can't
+be written to, or where `NUMBA_CACHE_DIR` says.
 
-Numba itself checks only the date of the file that contains the loop. If a loop in another file, which this
-loop calls, has changed, Numba would run old machine code. TCI checks a hash of the loop's file and of all
-files that this file imports, directly or indirectly.
-
-By default, compiled loops count references to arrays with atomic instructions, which took most of the time of
-small loops. TCI switches this off for loops that allocate no array, with Numba's option `_nrt`. Numba uses
-this option for its own loops too.
+Loops are called through numba's check of types: an argument of another type, contiguity or read-only flag
+within a tuple is a TypeError.
 """
 
 from __future__ import annotations
 
 import hashlib
+import os
+import pickle
 import re
+import sys
+import tempfile
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+import llvmlite
+import numba
 from llvmlite.binding import parse_assembly
 from numba import float64, njit, types
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.caching import CompileResultCacheImpl
+from numba.core.serialize import dumps
 
 from tci.support.compile_ahead import compile_ahead, is_worker, waiting
 
 HERE = Path(__file__).parents[1]
 IMPORT = re.compile(r"^from (tci[\w.]*) import (?:\(([^)]*)\)|(.*))$", re.MULTILINE)
+DIGEST = hashlib.sha256().digest_size
 
 
-def compiled(*signatures: Any, allocates: bool = False) -> Callable[[Callable[..., Any]], Any]:
-    """Compiles a loop for these signatures now, or loads it from the cache.
+def compiled(signature: Any, *, allocates: bool = False, seldom: bool = False) -> Callable[..., Any]:
+    """Makes a loop machine code for the types of `signature`.
 
-    Set `allocates` for a loop that creates or copies arrays; otherwise Numba raises "NRT required". If
-    neither the folder of the source nor the user's cache is writable, the loop is compiled at each start.
+    Args:
+        signature: Types of result and arguments. Numba converts what it safely can (a writable array for one
+            that is only read), but nothing within a NamedTuple.
+        allocates: True for a loop that creates or copies arrays; else numba says "NRT required". Counting
+            references with atomic instructions takes most of the time of a small loop, so it is off.
+        seldom: True for a loop that most programs never call. It is compiled and loaded when it is first
+            called, or when `prepare` is called: do this before a control loop that may need it.
     """
 
     def decorate(loop: Callable[..., Any]) -> Any:
-        function: Any = _jit(loop, _nrt=allocates)
-        try:
-            function._cache = _Cache(loop)
-        except RuntimeError:  # numba finds no folder to write to
-            pass
+        function = _jit(loop, _nrt=allocates)
+        if seldom:
+            return Seldom(function, signature)
+        if is_worker():
+            waiting.append((loop, partial(load, function, signature)))
         else:
-            if is_worker():
-                waiting.append((function, signatures))
-                return function
-        for signature in signatures:
-            function.compile(signature)
-        function.disable_compile()
+            load(function, signature, ahead=loop.__module__.startswith("tci."))
         return function
 
     return decorate
 
 
-class _OnlyMachineCode(CompileResultCacheImpl):
-    """Converts a compiled loop to the data in the cache, without LLVM's bitcode and without annotations.
-    Loading a loop then takes half the time.
+class Seldom:
+    """A compiled loop that is loaded when it is first called."""
 
-    Numba needs the bitcode only of a loop that other loops call. Loops in the cache never call each other.
+    def __init__(self, function: Any, signature: Any) -> None:
+        self.py_func, self._function, self._signature = function.py_func, function, signature
+
+    def prepare(self) -> None:
+        """Loads the loop; compiles it if it was never compiled here."""
+        if not self._function.overloads:
+            load(self._function, self._signature)
+
+    def __call__(self, *arguments: Any) -> Any:
+        self.prepare()
+        return self._function(*arguments)
+
+
+def load(function: Any, signature: Any, *, ahead: bool = False) -> None:
+    """Loads a loop's machine code from its file, or compiles it and writes the file.
+
+    With `ahead`, a loop without a file has all of TCI's loops compiled first, by several processes.
+    """
+    kept = _kept_code(function, signature)
+    found = kept and kept.read()
+    if kept and not found and ahead:
+        compile_ahead(kept.is_missing)
+        found = kept.read()
+    if found:
+        function.add_overload(found)
+    else:
+        function.compile(signature)
+        if kept:
+            kept.write(*function.overloads.values())
+    function.disable_compile()
+
+
+def _kept_code(function: Any, signature: Any) -> KeptCode | None:
+    try:
+        return KeptCode(function, signature)
+    except RuntimeError:  # no folder can be written to: the loop is compiled at each start
+        return None
+
+
+class KeptCode(CompileResultCacheImpl):
+    """The file with a loop's machine code: a checksum, the key of what the code was made from, the code.
+
+    Numba's own files have no checksum: one that is cut short ends every later start in a traceback, and a
+    flipped bit is run.
     """
 
+    def __init__(self, function: Any, signature: Any) -> None:
+        super().__init__(function.py_func)  # type: ignore[no-untyped-call]  # Numba has no types
+        self._target = function.targetctx
+        name = hashlib.sha256(repr(signature).encode()).hexdigest()[:12]
+        self.path = Path(self.locator.get_cache_path(), f"{self.filename_base}.{name}.loop")
+        stamp = _stamp(Path(function.py_func.__code__.co_filename))
+        processor = self._target.codegen().magic_tuple()
+        made_from = numba.__version__, llvmlite.__version__, processor, repr(signature), stamp
+        self._key = hashlib.sha256(repr(made_from).encode()).digest()
+
     def reduce(self, result: Any) -> tuple[Any, ...]:
-        reduced = super().reduce(result)  # type: ignore[no-untyped-call]  # Numba has no types
-        try:
-            library, *facts, _, loads, environments = reduced
-            name, kind, (machine_code, _) = library
-        except (TypeError, ValueError):  # another version of Numba stores more or fewer things
-            return tuple(reduced)
-        if kind != "object":
-            return tuple(reduced)
-        # Numba looks up in the bitcode which functions the machine code has. Variables with the functions'
-        # names are enough, and an attempt to link them as functions would fail.
+        """Leaves out LLVM's bitcode: a loop then loads in half the time.
+
+        Numba needs it to insert a loop into others, which is not done with loaded loops, and to look up which
+        functions the machine code has: variables with their names are enough for that.
+        """
+        library, *facts = super().reduce(result)  # type: ignore[no-untyped-call]  # Numba has no types
+        name, kind, (machine_code, _) = library
         functions = result.fndesc.llvm_func_name, result.fndesc.llvm_cpython_wrapper_name
         names = parse_assembly("\n".join(f'@"{function}" = global i8 0' for function in functions))
-        return (name, kind, (machine_code, names.as_bitcode())), *facts, "", loads, environments
+        return (name, kind, (machine_code, names.as_bitcode())), *facts
 
+    def is_missing(self) -> bool:
+        """True if the file must be made, or made anew because a source has changed."""
+        return self._code() is None
 
-class _Cache(FunctionCache):
-    """Cache on disk with the machine code of one compiled loop."""
+    def read(self) -> Any | None:
+        """The compiled loop; None if it is missing, made from other sources, or damaged."""
+        code = self._code()
+        return None if code is None else self.rebuild(self._target, pickle.loads(code))  # type: ignore[no-untyped-call]  # Numba has no types
 
-    _impl_class = _OnlyMachineCode
+    def _code(self) -> bytes | None:
+        try:
+            content = self.path.read_bytes()
+        except OSError:
+            return None
+        checksum, rest = content[:DIGEST], content[DIGEST:]
+        if hashlib.sha256(rest).digest() != checksum:
+            self.path.unlink(missing_ok=True)
+            print(f"tci: {self.path} is damaged: deleted, and compiled anew", file=sys.stderr, flush=True)
+            return None
+        return rest[DIGEST:] if rest.startswith(self._key) else None
 
-    def __init__(self, loop: Callable[..., Any]) -> None:
-        super().__init__(loop)  # type: ignore[no-untyped-call]  # Numba has no types
-        self._cache_file._source_stamp = _stamp(Path(loop.__code__.co_filename))
-        self._is_ours = loop.__module__.startswith("tci.")
-
-    def load_overload(self, signature: Any, context: Any) -> Any:
-        """Returns the compiled loop for the argument types `signature`, or None if the cache lacks it.
-
-        If the cache lacks one of TCI's loops, first compiles all of them. Numba's own method would also load
-        SciPy, which takes half a second.
-        """
-        load: Callable[..., Any] = self._load_overload
-        found = load(signature, context)
-        if found is None and self._is_ours and not is_worker():
-            index: Callable[[], Any] = self._cache_file._load_index
-            compile_ahead(lambda: not index())
-            found = load(signature, context)
-        return found
+    def write(self, result: Any) -> None:
+        """Writes the file, at once as a whole: another process reads the old file, or the new one."""
+        content = self._key + dumps(self.reduce(result))  # type: ignore[no-untyped-call]  # Numba has no types
+        try:
+            handle, draft = tempfile.mkstemp(dir=self.path.parent, prefix=self.path.name)
+            with os.fdopen(handle, "wb") as file:
+                file.write(hashlib.sha256(content).digest() + content)
+            os.replace(draft, self.path)
+        except OSError as error:
+            print(f"tci: no machine code is kept in {self.path}: {error.strerror}", file=sys.stderr)
 
 
 def inlined(loop: Callable[..., Any]) -> Any:
-    """Compiles a loop that only compiled loops call, and inserts its machine code into theirs. Such a loop
-    must not allocate arrays.
+    """Compiles a loop that only compiled loops call, and inserts its machine code into theirs. It must not
+    allocate arrays.
 
-    Inserted machine code (inlining) is faster than a call: a call would pass seven numbers or more for each
-    array.
+    Inserted machine code is faster than a call, which would pass seven numbers or more for each array.
     """
     # In a worker only loops call this one, so it needs no wrapper for calls from Python there. Without the
     # wrapper, a call from Python would crash.
-    return _jit(loop, _nrt=False, forceinline=True, no_cpython_wrapper=is_worker())
+    function = _jit(loop, _nrt=False, forceinline=True, no_cpython_wrapper=is_worker())
+    template = function.get_call_template
+
+    # Numba compiles a loop once more for each constant that it is called with; that took a tenth of all time.
+    def without_literals(types_of_arguments: Any, named: Any) -> Any:
+        plain = [types.unliteral(one) for one in types_of_arguments]  # type: ignore[no-untyped-call]  # Numba has no types
+        return template(plain, named)
+
+    function.get_call_template = without_literals
+    return function
 
 
 def _jit(loop: Callable[..., Any], **options: bool) -> Any:
@@ -123,27 +193,21 @@ def _jit(loop: Callable[..., Any], **options: bool) -> Any:
 
 @cache
 def _stamp(file: Path) -> str:
-    """Returns a hash that changes if `file`, or a file of TCI that it imports directly or indirectly,
-    changes."""
-    digest = hashlib.sha256()
-    for one in sorted(_sources(file)):
-        digest.update(_content(one))
-    return digest.hexdigest()
-
-
-@cache
-def _content(file: Path) -> bytes:
-    return hashlib.sha256(file.read_bytes()).digest()
+    return hashlib.sha256(b"".join(_content(one) for one in sorted(_sources(file)))).hexdigest()
 
 
 def _sources(file: Path) -> set[Path]:
-    """Returns the files that a loop in `file` may depend on: `file`, all files of TCI that it imports,
-    directly or indirectly, and this module."""
+    """`file`, all files of TCI that it imports, directly or indirectly, and this module."""
     found, new = {Path(__file__)}, [file]
     while new:
         found.add(one := new.pop())
         new += _imported(one) - found
     return found
+
+
+@cache
+def _content(file: Path) -> bytes:
+    return hashlib.sha256(file.read_bytes()).digest()
 
 
 @cache
@@ -159,47 +223,31 @@ def _imported(file: Path) -> frozenset[Path]:
 
 
 def reads(dimensions: int, dtype: Any = float64) -> Any:
-    """Returns the Numba type of a contiguous array that the loop only reads."""
+    """Numba's type of a contiguous array that the loop only reads."""
     return types.Array(dtype, dimensions, "C", readonly=True)
 
 
 def views(dimensions: int, dtype: Any = float64) -> Any:
-    """Returns the Numba type of an array that the loop only reads and whose elements need not be
-    contiguous."""
+    """Numba's type of an array that the loop only reads and whose elements need not be contiguous."""
     return types.Array(dtype, dimensions, "A", readonly=True)
 
 
 def writes(dimensions: int, dtype: Any = float64) -> Any:
-    """Returns the Numba type of a contiguous array that the loop changes."""
+    """Numba's type of a contiguous array that the loop changes."""
     return types.Array(dtype, dimensions, "C")
 
 
 def record(kind: type, *fields: Any) -> Any:
-    """Returns the Numba type of a NamedTuple whose fields have the types `fields`.
+    """Numba's type of a NamedTuple whose fields have the types `fields`.
 
-    The NamedTuple must be defined at the top of a module, because cached machine code refers to it by name.
+    It must be defined at the top of a module, because kept machine code refers to it by name.
     """
     if len({*fields}) == 1:
         return types.NamedUniTuple(fields[0], len(fields), kind)  # type: ignore[no-untyped-call]  # Numba has no types
     return types.NamedTuple(fields, kind)  # type: ignore[no-untyped-call]  # Numba has no types
 
 
-def entry(loop: Any, signature: int = 0) -> Callable[..., Any]:
-    """Returns the machine code of a compiled loop for its signature number `signature`: it accepts only
-    arguments of exactly these types.
-
-    A call of this machine code skips Numba's type check of each array within the arguments. For 30 arrays the
-    check takes 6 us, longer than most loops. The caller must ensure types and numbers of dimensions: with an
-    array of another kind, the loop reads and writes memory that is not its own.
-    """
-    made = [*loop.overloads.values()]
-    return made[signature].entry_point if made else loop  # type: ignore[no-any-return]  # Numba has no types
-
-
 def returns(*results: Any) -> Any:
-    """Returns the Numba type of a tuple with elements of the types `results`.
-
-    This type is the return type of a loop with several results, or the type of a tuple that is an argument of
-    a loop. For example, `returns(A, B)(C)` is the signature of a loop with an argument of type C and results
-    of types A and B."""
+    """Numba's type of a tuple: of several results, or as an argument. `returns(A, B)(C)` is the signature of
+    a loop with an argument of type C and results of types A and B."""
     return types.Tuple(results)  # type: ignore[no-untyped-call]  # Numba has no types

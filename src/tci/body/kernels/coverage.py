@@ -24,7 +24,8 @@ right), and segment (0 upper arm, 1 forearm)."""
     void(
         reads(3), reads(2, int64), reads(2), reads(1), reads(2), reads(1, int64), reads(1, boolean), reads(2),
         writes(2),
-    )
+    ),
+    seldom=True,
 )  # fmt: skip
 def count_taxels(
     poses: Array,

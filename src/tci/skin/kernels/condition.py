@@ -186,8 +186,7 @@ def _signature(raw: Any) -> Any:
     )
 
 
-@compiled(_signature(uint8), _signature(float32))
-def condition(
+def _condition(
     raw: NDArray[Any],
     last: NDArray[Any],
     which: Places,
@@ -237,3 +236,8 @@ def condition(
             place += 1
     out.begin[len(memory.patches)] = place
     return ended
+
+
+condition = compiled(_signature(uint8))(_condition)
+condition_of_floats = compiled(_signature(float32), seldom=True)(_condition)
+"""For raw values that bytes can't hold."""

@@ -199,7 +199,7 @@ def _fill(taxels: Indices, forces: Array, layout: LayoutArrays) -> float:
     return max(result / total, LEAST_FILL)
 
 
-@compiled(float64(reads(1, int32), reads(1), LAYOUT))
+@compiled(float64(reads(1, int32), reads(1), LAYOUT), seldom=True)
 def fill_around(taxels: Indices, forces: Array, layout: LayoutArrays) -> float:
     """Returns the fraction of a touch's force that `taxels` (k,) measure: the fill factor around the touch.
 

@@ -316,16 +316,19 @@ def late_calls(driver: Driver, call: Callable[[], None]) -> tuple[list[Tick], li
     began in each call."""
     ticks: list[Tick] = []
     during: list[int] = []
+    read: list[Perception] = []
     with Stepper(driver, see=ticks.append) as stepper:
         for number in range(6):
-            stepper.observe()
+            read += [stepper.observe(), *stepper.missed]
             stepper.act(bend((0.3, 1.0)[number % 2]))
             begin, before = time.monotonic(), len(ticks)
             call()
             end = time.monotonic()
             during.append(sum(begin < tick.now < end for tick in ticks[before:]))
-        stepper.observe()
-        assert len(stepper.missed) + stepper.lost < 2.0 * LATE / driver.period
+        newest = stepper.observe()
+        read += [newest, *stepper.missed]
+        assert stepper.lost == 0
+    assert {one.stamp for one in read} == {tick.now for tick in ticks if tick.now <= newest.stamp}
     return ticks, during
 
 

@@ -24,12 +24,12 @@ from tci.cli.session import poke_forearm
 from tci.drivers.simulated import SimulatedDriver
 from tci.drivers.wrapper import DriverWrapper
 from tci.errors import CommandError, TciError
-from tci.gate.gate import Gate
+from tci.gate.gate import Gate, GateState
 from tci.gestures.gesture import Gesture, fit
 from tci.lab.authoring.dense_skin import with_skin_rate
 from tci.messages import GenericCommand, Mode, Order, Perception, PlatformCommand, SwitchMode
 from tci.messages.frames import Array
-from tci.reasons import Code
+from tci.reasons import Code, Reason
 from tci.robot.catalogue import load_robot
 from tci.runtime.loop import Tick, run
 
@@ -319,6 +319,26 @@ def test_a_position_reflex_above_a_velocity_task(name: str, streams: bool, phase
     arm = ticks[released - 1].perception.posture[LEFT]
     has = GenericBody(load_robot(name)).has_joint(LEFT)
     assert np.abs(arm - target.values)[has].max() < np.deg2rad(3.0), "the touched arm withdraws all the way"
+
+
+def test_a_switch_that_a_hold_refused_is_made_up_for() -> None:
+    """The gate refuses everything while it holds: here the reflex's way back to the task."""
+    ticks: list[Tick] = []
+    upper = Script([[]] * 100 + [[position(LEFT, 0.4)]], [[]] * 100 + [[LEFT]] * 180)  # until 0.56 s
+
+    def hold() -> Reason | None:
+        now = ticks[-1].now if ticks else 0.0
+        return Reason(Code.OTHER, "a person holds it") if 0.5 < now < 0.62 else None
+
+    with SimulatedDriver(load_robot("nao")) as driver:
+        result = run(driver, Arbiter([upper, Turn()]), duration=1.0, observe=ticks.append, guard=hold)
+    switched = [tick for tick in ticks if (LEFT, "velocity") in map(short, tick.commands)]
+    assert any(tick.sent.state is GateState.HOLD for tick in switched)
+    assert result.refusals
+    assert not [tick for tick in ticks if tick.now > 0.7 and tick.sent.refusals]
+    moved = [tick.reading.joints.position for tick in ticks if tick.now > 0.7]
+    elbow = [servo.name for servo in load_robot("nao").servos].index("LElbowRoll")
+    assert np.ptp([one[elbow] for one in moved]) > np.deg2rad(2.0), "the task moves the arm again"
 
 
 def test_a_lasting_touch_keeps_its_part_and_frees_the_others() -> None:

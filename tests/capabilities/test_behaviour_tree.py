@@ -13,6 +13,7 @@ from py_trees.composites import Parallel, Selector, Sequence
 
 import tci
 from helpers.touches import BODY
+from helpers.turning import Turn
 from tci.body.generic_body import GenericBody
 from tci.capabilities.behaviour_tree import BehaviourTree, Reflex, Task
 from tci.capabilities.capability import Capability
@@ -162,3 +163,24 @@ def test_on_a_robot_the_withdrawal_reflex_interrupts_and_the_same_run_gives_the_
     assert [part for part, _ in groupby(first[0])] == ["head", "left_arm", "head"]
     assert first[1] == second[1]
     assert np.array_equal(first[2], second[2])
+
+
+def test_a_position_reflex_interrupts_a_velocity_task() -> None:
+    """The gate refused the reflex at the touch: the task had the arm in another mode."""
+
+    def tree() -> Behaviour:
+        turn = Task("turn", Turn(), done=lambda memory, perception: False)
+        return Selector("robot", memory=False, children=[Reflex("withdraw", tci.WithdrawalReflex()), turn])
+
+    modes: list[Mode] = []
+    with SimulatedDriver(tci.load_robot("nao")) as link:
+        link.world.finger.poke("left_forearm", 150, speed=0.25, depth=0.01, gap=0.05)
+        place = link.robot.servos.index(next(one for one in link.robot.servos if one.name == "LElbowRoll"))
+
+        def watch(tick: Tick) -> None:
+            shown = dict(zip(tick.sent.servos.tolist(), tick.sent.modes, strict=True))
+            modes.append(shown.get(place, Mode.VELOCITY))
+
+        result = run(link, BehaviourTree(tree), duration=1.5, observe=watch)
+    assert not result.refusals
+    assert [mode for mode, _ in groupby(modes)][:3] == [Mode.VELOCITY, Mode.POSITION, Mode.VELOCITY]

@@ -340,6 +340,8 @@ class Motion:
         awaited = {s for one in self._waiting if one.mode is switch.mode for s in one.servos}
         self._let_go({*switch.servos.tolist()} - awaited)
         servos = [s for s in switch.servos.tolist() if self.modes[s] is not switch.mode and s not in awaited]
+        if not servos:
+            return []
         if self._streams or not self._moving(servos):
             self._change(servos, switch.mode)
             return []

@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 from viser._viser import CameraHandle, _CameraHandleState
 
+from tci.capabilities.arbiter import Arbiter
 from tci.capabilities.body_withdrawal import BodyWithdrawal
+from tci.capabilities.contact_stop import ContactStop
 from tci.capabilities.fields import default_fields
 from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.capabilities.wrapper import CapabilityWrapper
 from tci.lab.viewer.fields import fields_of, is_outside, legend, nearest_field
 from tci.lab.viewer.framing import Framing
 
@@ -37,6 +40,8 @@ def test_the_middle_of_each_field_lies_in_it_and_elsewhere_is_none() -> None:
 def test_only_fields_on_limbs_are_shown() -> None:
     assert fields_of(WithdrawalReflex()) == FIELDS
     assert fields_of(BodyWithdrawal()) == ()
+    layers = Arbiter([BodyWithdrawal(), CapabilityWrapper(ContactStop(WithdrawalReflex()))])
+    assert fields_of(CapabilityWrapper(layers)) == FIELDS
 
 
 def test_the_legend_has_a_colour_of_its_own_for_each_field_and_one_for_none() -> None:

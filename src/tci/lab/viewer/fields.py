@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tci.capabilities.arbiter import Arbiter
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField
 from tci.capabilities.withdrawal import WithdrawalReflex
@@ -32,6 +33,8 @@ def fields_of(capability: Capability[Any]) -> tuple[ReceptiveField, ...]:
     """Returns the receptive fields of a behaviour, or an empty tuple if the behaviour has no fields on
     limbs."""
     inner = unwrapped(capability)
+    if isinstance(inner, Arbiter):
+        return next(filter(None, map(fields_of, inner.layers)), ())
     return tuple(inner.fields) if isinstance(inner, WithdrawalReflex) else ()
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import typer
 from sphinx.application import Sphinx
 from sphinx.ext import autosummary
+from sphinx.ext.napoleon import GoogleDocstring
 from sphinx.util import logging
 from typer.cli import get_docs_for_click
 
@@ -64,6 +65,12 @@ def skip(_: Sphinx, what: str, __: str, member: Any, ___: bool, ____: Any) -> bo
     )
 
 
+def show_args(_: Sphinx, what: str, __: str, ___: Any, ____: Any, lines: list[str]) -> None:
+    """Makes a list of `Args:`. Not of attributes, where napoleon takes what is before a colon for a type."""
+    if what in ("class", "function", "method"):
+        lines[:] = GoogleDocstring(lines, what=what).lines()
+
+
 def check_index(sphinx: Sphinx, _: Exception | None) -> None:
     """Warns about public names that the index and the search would not find."""
     found = sphinx.env.domains.python_domain.objects
@@ -75,6 +82,7 @@ def check_index(sphinx: Sphinx, _: Exception | None) -> None:
 def setup(sphinx: Sphinx) -> None:
     """Connects the functions above to the build."""
     sphinx.connect("autodoc-skip-member", skip)
+    sphinx.connect("autodoc-process-docstring", show_args)
     sphinx.connect("build-finished", check_index)
 
 

@@ -39,7 +39,7 @@ class Sample(Generic[Value]):
     """Number of the message, which increases by one with each message."""
 
 
-class Clock(Protocol):
+class SenderClock(Protocol):
     """Converts times on a sender's clock to times on this machine's monotonic clock."""
 
     difference: float | None
@@ -67,7 +67,7 @@ class Feed(Generic[Value]):
         *,
         own: str,
         carrier: str,
-        clock: Clock | None = None,
+        clock: SenderClock | None = None,
     ) -> None:
         """Connects to the port `source`.
 

@@ -20,7 +20,7 @@ from helpers.gate_checks import (
     reading,
 )
 from tci.errors import CommandError, DriverError, TciError
-from tci.gate.acceptance import SLOWEST, is_likely_degrees, is_usual
+from tci.gate.acceptance import SLOWEST, is_likely_degrees
 from tci.gate.gate import Gate, GateSettings, GateState, SafeCommand
 from tci.messages import GenericCommand, Mode, PlatformCommand, PlatformSwitch
 from tci.reasons import Code
@@ -91,22 +91,6 @@ def test_joint_data_that_are_no_doubles_are_an_error(name: str) -> None:
     words = f"joint angles of type {types['position']}, velocities of {types['velocity']}; valid: float64"
     with pytest.raises(TypeError, match=words):
         gate.step((), wrong, 0.0)
-
-
-def test_only_arrays_that_compiled_loops_read_are_usual() -> None:
-    usual = position_command([2, 4], [0.5, -0.25])
-    assert is_usual(usual)
-    single = usual.speed.astype(np.float32)
-    for wrong in (
-        {"values": usual.values.astype(np.float32)},
-        {"speed": single},
-        {"values": single, "speed": single},
-        {"servos": usual.servos.astype(np.int16)},
-        {"values": np.zeros(3)},
-        {"speed": np.ones(1)},
-        {"servos": usual.servos[None], "values": usual.values[None], "speed": usual.speed[None]},
-    ):
-        assert not is_usual(dataclasses.replace(usual, **wrong)), wrong
 
 
 @ANGLES

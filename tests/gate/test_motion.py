@@ -18,7 +18,6 @@ from tci.gate.kernels.torques import RISE
 from tci.gate.speeds import SMOOTHING, Speeds
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
 from tci.messages.frames import Array, read_only
-from tci.reasons import Code
 
 ZERO = [0.0] * 6
 TORQUE = 5.0
@@ -446,30 +445,6 @@ def test_without_a_watch_nobody_looks_where_the_equilibrium_is() -> None:
 def test_a_servo_that_is_not_under_command_may_be_as_stiff_as_it_likes() -> None:
     gate = Gate(make_robot(modes=(Mode.IMPEDANCE,)), period=PERIOD, stale_after=0.05)
     assert stiffen(gate, reading(ZERO), [2], [0.9]) == ()
-
-
-def test_the_checks_of_a_repeated_command_are_cached(monkeypatch: pytest.MonkeyPatch) -> None:
-    driven = Driven(ROBOT, ZERO)
-    driven.step(switch([4, 5], Mode.VELOCITY))
-    driven.step(position_command([2, 3], [0.1, 0.1]), velocity([4], [0.1]))
-    with monkeypatch.context() as patched:
-        for name in ("check_limits", "is_far_off"):
-            patched.setattr(f"tci.gate.motion.{name}", None)
-        assert not driven.step(position_command([2, 3], [0.2, 0.2]), velocity([4], [0.2])).refusals
-        with pytest.raises(TypeError):
-            driven.step(velocity([5], [0.2]))
-    assert driven.step(command(Mode.IMPEDANCE, [2, 3], [0.2, 0.2])).refusals[0].code is Code.WRONG_MODE
-
-
-def test_what_is_sent_at_rest_is_made_once() -> None:
-    driven = Driven(ROBOT, ZERO)
-    driven.step(position_command([2, 3], [0.1, 0.1]))
-    moving = [driven.step() for _ in range(2)]
-    driven.settle()
-    resting = [driven.step() for _ in range(2)]
-    assert moving[1].servos is moving[0].servos
-    assert moving[1].position is not moving[0].position
-    assert resting[1].position is resting[0].position
 
 
 def test_targets_for_servos_under_command_change_no_group() -> None:

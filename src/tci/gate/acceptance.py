@@ -6,6 +6,7 @@ with `x < lower or x > upper`, would let NaN pass.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from typing import NoReturn
 
@@ -14,7 +15,6 @@ from numpy.typing import NDArray
 
 from tci.errors import CommandError
 from tci.gate.kernels.motion import all_finite
-from tci.gate.kernels.targets import is_acceptable
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
@@ -63,50 +63,46 @@ def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after
     return None
 
 
-def is_usual(command: PlatformCommand) -> bool:
-    """Returns True if the arrays of a command have equal shapes (k,) and the types that compiled loops
-    read."""
-    servos, values, speed = command.servos, command.values, command.speed
-    return (
-        servos.dtype is INDICES
-        and values.dtype is speed.dtype is DOUBLES
-        and servos.ndim == 1
-        and values.shape == speed.shape == servos.shape
-    )
-
-
-def check_command(robot: Robot, command: PlatformCommand) -> tuple[NDArray[np.intp], Array, Array]:
-    """Returns the servos, values and speeds (k,) of a command, as new arrays.
-
-    Raises CommandError if a shape or a value is invalid.
-    """
-    servos, values, speed = command.servos, command.values, command.speed
-    if is_usual(command) and is_acceptable(servos, values, speed, len(robot.servos), SLOWEST):
-        return servos.copy(), values.copy(), speed.copy()
-    _refuse_wrong(robot, command)
-    return servos.astype(np.intp), values.astype(np.float64), speed.astype(np.float64)
-
-
-def _refuse_wrong(robot: Robot, command: PlatformCommand) -> None:
-    """Raises CommandError if the shape or a value of a command is invalid. The message names the fault."""
-    mode, servos, values = command.mode.value, command.servos, command.values
+def check_command(robot: Robot, command: PlatformCommand) -> PlatformCommand:
+    """Returns the command with arrays of the types np.intp and np.float64. Raises CommandError if a shape,
+    type or value is invalid; the message names the fault."""
+    mode, servos, values, speed = command.mode.value, command.servos, command.values, command.speed
     if servos.ndim != 1 or not servos.size or values.shape != servos.shape:
         raise CommandError(
             f"{mode}: {servos.shape} servos and {values.shape} values; "
             "valid: as many values as servos, at least one"
         )
-    if command.speed.shape != servos.shape:
-        raise CommandError(
-            f"{mode}: {command.speed.shape} speeds; valid: one for each of {servos.size} servos"
-        )
+    if speed.shape != servos.shape:
+        raise CommandError(f"{mode}: {speed.shape} speeds; valid: one for each of {servos.size} servos")
     _check_servos(robot, mode, servos)
-    for name, numbers in (("values", values), ("speeds", command.speed)):
+    for name, numbers in (("values", values), ("speeds", speed)):
         if numbers.dtype.kind not in "fiu":
             raise CommandError(f"{mode}: {name} of type {numbers.dtype}; valid: real numbers")
-    if not (finite := np.isfinite(values)).all():
-        _refuse_each(robot, command, finite, f"{mode} of", values, "finite numbers")
-    if not (fast := command.speed >= SLOWEST).all():  # the comparison is false for NaN
-        _refuse_each(robot, command, fast, "speed of", command.speed, f"at least {SLOWEST:g} rad/s")
+    if not all(map(math.isfinite, values.tolist())):
+        _refuse_each(robot, command, np.isfinite(values), f"{mode} of", values, "finite numbers")
+    if not all(one >= SLOWEST for one in speed.tolist()):  # the comparison is false for NaN
+        _refuse_each(robot, command, speed >= SLOWEST, "speed of", speed, f"at least {SLOWEST:g} rad/s")
+    if servos.dtype == INDICES and values.dtype == speed.dtype == DOUBLES:
+        return command
+    return PlatformCommand(
+        command.mode, servos.astype(INDICES), values.astype(DOUBLES), speed.astype(DOUBLES)
+    )
+
+
+def check_angles(robot: Robot, command: PlatformCommand) -> None:
+    """Raises CommandError for angles that may be in degrees: one is outside its limits and above a full
+    turn, or there are several and each is outside by more than `FAR_OFF`."""
+    near = len(command.servos) < 2
+    for servo, angle in zip(command.servos.tolist(), command.values.tolist(), strict=True):
+        limits = robot.servos[servo].limits
+        assert limits.lower is not None
+        assert limits.upper is not None
+        outside = max(limits.lower - angle, angle - limits.upper)
+        if outside > 0.0 and abs(angle) > 2.0 * np.pi:
+            refuse_far(robot, command)
+        near = near or outside <= FAR_OFF
+    if not near:
+        refuse_far(robot, command)
 
 
 def is_likely_degrees(values: Array, wrong: NDArray[np.bool_] | None = None) -> bool:

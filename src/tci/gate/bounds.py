@@ -125,8 +125,6 @@ def bounds_of(robot: Robot, servos: Sequence[int], *, speed_share: float) -> tup
     known = [(one.lower, one.upper, one.velocity, one.acceleration, one.jerk) for one in limits]
     lower, upper, velocity, acceleration, jerk = np.array(known, np.float64).reshape(-1, 5).T.copy()
     named = rows[:, list(servos)].any(axis=1)
-    if named.any():
-        find_nearest.prepare()
     terms = np.array(rows[named])
     inside = terms[:, list(servos)]
     terms[:, list(servos)] = 0.0

@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from operator import is_
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tci.gate.acceptance import check_start
 from tci.gate.body_guard import BodyGuard
+from tci.gate.immovable import is_movable
 from tci.gate.joint_group import JointGroup, groups_of, make_chain
 from tci.gate.joint_monitor import Reference
 from tci.gate.self_collision import SelfCollision
 from tci.gate.settings import GateSettings
 from tci.gate.stop_plan import StopTrajectory
 from tci.gate.trajectory import Guard
-from tci.messages import Mode
+from tci.messages import Mode, PlatformCommand
 from tci.messages.frames import Array, frozen
 from tci.reasons import Reason
 from tci.robot.description import Robot
 
-FOUND = 64
-"""Largest number of cached sets of servos. Assumed: behaviours command whole robot parts, so only a few
-different sets occur."""
 YIELDED = float(np.deg2rad(1.0))
 """Distance [rad] from its moving equilibrium above which a compliant servo has yielded to a force. Assumed: a
 servo in motion lags by less, and a stiff servo that starts at this distance does not jolt."""
@@ -39,11 +36,9 @@ class CommandedGroups:
         self._group_of = groups_of(robot)
         self._chains: dict[int, JointGroup] = {}
         self.chains: list[JointGroup]
-        """All groups. The method `reference` returns the servos in the order of this list. When a group
-        changes, a new list replaces this list."""
+        """All groups, in the order in which `reference` has their servos."""
         self.count: int
         """Number of servos that the groups move."""
-        self._found: dict[bytes, tuple[Mode, list[JointGroup]]] = {}
         self._others: dict[int, list[JointGroup]] = {}
         self.modes = [servo.modes[0] for servo in robot.servos]
         """Control mode of every servo."""
@@ -54,14 +49,34 @@ class CommandedGroups:
         self.body = None if body is None else BodyGuard(body, period=period)
         """Check for self-collision of the stops that the gate plans before each step; None if the check is
         disabled."""
-        self._shown: Reference | None = None
-        self._states: list[Array]
+        self._loose: NDArray[np.intp] = np.zeros(0, np.intp)  # the servos in torque mode
+        self._reference: Reference | None
         self._note_change()
+
+    def rehearse(self) -> None:
+        """Moves a copy of the first group that can move, for one period; nobody follows it. The first motion
+        of a process loads the planner and the compiled loops, which takes longer than later motions."""
+        servos = [servo.index for servo in self._robot.servos if is_movable(servo)]
+        servos = [servo for servo in servos if self._group_of[servo] == self._group_of[servos[0]]]
+        if not servos:
+            return
+        limits = [self._robot.servos[servo].limits for servo in servos]
+        here = np.zeros(len(self._robot.servos))
+        here[servos] = [((one.lower or 0.0) + (one.upper or 0.0)) / 2.0 for one in limits]
+        chain = make_chain(
+            self._robot, servos, here, old=None, fresh=(), period=self._period,
+            speed_share=self._settings.speed_share, guard=self._guard(-1, servos),
+        )  # fmt: skip
+        values, speeds = here[servos] + 0.1, np.ones(len(servos))
+        chain.aim(PlatformCommand(Mode.POSITION, chain.index, values, speeds), np.empty(len(servos)))
+        chain.limiter.step()
 
     def look(self, measured: Array) -> None:
         """Stores the `measured` angles (n_servos,) [rad]. If a coupling of a group contains servos outside
         this group, adapts the bounds of the coupling to the angles of these servos."""
         self.measured = measured
+        if self._loose.size:
+            self._reference = None
         for chain in self._leaning:
             chain.look_outside(measured)
 
@@ -71,44 +86,28 @@ class CommandedGroups:
         self._note_change()
 
     def _note_change(self) -> None:
-        """Deletes all cached results, because a group or a mode has changed."""
+        """Works out anew what depends on the groups and modes."""
         self.chains = list(self._chains.values())
         self._leaning = [chain for chain in self.chains if chain.leans]
         self.count = sum(len(chain.servos) for chain in self.chains)
-        self._shown_of: list[JointGroup] | None = None
-        self._found.clear()
         self._others.clear()
+        self._reference = None
+        self._servos = frozen(np.concatenate([*(chain.index for chain in self.chains), self._loose]))
+        self._modes = tuple([self.modes[servo] for servo in self._servos.tolist()])
 
-    def reference(self, loose: NDArray[np.intp]) -> Reference:
-        """Returns the present references of the servos under command. The servos in torque mode, `loose`,
-        come last, with their measured angles as references."""
-        chains, shown = self.chains, self._shown
-        states = [chain.limiter.whole_state for chain in chains]
-        if shown is not None and chains is self._shown_of and not loose.size:
-            if all(map(is_, states, self._states)):
-                return shown
-            servos, modes = shown.servos, shown.modes
-        else:
-            servos = frozen(np.concatenate([*(chain.index for chain in chains), loose]))
-            modes = tuple([self.modes[servo] for servo in servos.tolist()])
-        self._states, self._shown_of = states, None if loose.size else chains
-        if loose.size or not states:
-            states = [*states, np.zeros((3, loose.size))]
-            states[-1][0] = self.measured[loose]
-        state = frozen(states[0].copy() if len(states) == 1 else np.concatenate(states, axis=1))
-        self._shown = Reference(servos, modes, state[0], state[1])
-        return self._shown
+    def reference(self) -> Reference:
+        """Present references of the servos under command. The servos in torque mode come last, with their
+        measured angles as references."""
+        if self._reference is None:
+            states = [chain.limiter.whole_state[:2] for chain in self.chains]
+            states.append(np.array([self.measured[self._loose], np.zeros(self._loose.size)]))
+            position, velocity = frozen(np.concatenate(states, axis=1))
+            self._reference = Reference(self._servos, self._modes, position, velocity)
+        return self._reference
 
-    def found(self, mode: Mode, servos: NDArray[np.intp]) -> list[JointGroup] | None:
-        """Returns the cached groups of `servos` (k,) in `mode`; None if no groups are cached for them."""
-        found_in, chains = self._found.get(servos.tobytes(), (None, None))
-        return chains if found_in is mode else None
-
-    def note(self, mode: Mode, servos: NDArray[np.intp], chains: list[JointGroup]) -> None:
-        """Caches the groups of `servos` (k,), which are all in `mode`, until a group or a mode changes."""
-        if len(self._found) >= FOUND:
-            self._found.clear()
-        self._found[servos.tobytes()] = mode, chains
+    def note_motion(self) -> None:
+        """The caller has moved a group."""
+        self._reference = None
 
     def moving(self, servos: Sequence[int]) -> list[JointGroup]:
         """Returns the groups that move `servos`. Servos without a command so far join their groups at their
@@ -155,6 +154,7 @@ class CommandedGroups:
                 chains[group] = self._chain(group, kept, fresh, starts) if kept else None
         for servo in servos:
             self.modes[servo] = mode
+        self._loose = np.array(sorted(loose), np.intp)
         for group, chain in chains.items():
             if chain is not None:
                 self._chains[group] = chain

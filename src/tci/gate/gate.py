@@ -22,7 +22,7 @@ from types import MappingProxyType
 import numpy as np
 
 from tci.errors import CommandError, DriverError, TciError
-from tci.gate.acceptance import by_servo, check_command, fault_of_reading
+from tci.gate.acceptance import fault_of_reading
 from tci.gate.joint_monitor import JointMonitor
 from tci.gate.motion import Motion
 from tci.gate.safe_command import GateState as GateState
@@ -31,7 +31,7 @@ from tci.gate.safe_command import SafeCommand as SafeCommand
 from tci.gate.settings import GateCounts as GateCounts
 from tci.gate.settings import GateSettings as GateSettings
 from tci.gate.settings import Tally
-from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder
+from tci.messages import JointReading, Mode, PlatformOrder
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
@@ -47,7 +47,6 @@ STEADY = 0.1
 """Largest relative difference at which two successive intervals between calls of `step` count as equal. If
 two equal intervals are too long, the gate reports that the loop runs at another rate. Assumed: on a busy
 machine, two long intervals differ more."""
-SHARES = (Mode.STIFFNESS, Mode.DAMPING)
 _log = logging.getLogger("tci")
 
 
@@ -229,8 +228,6 @@ class Gate:
         refusals = list(refused)
         clamped: list[Reason] = []
         taken: list[PlatformOrder] = []
-        stiffness: dict[int, float] = {}
-        damping: dict[int, float] = {}
         if not reason:
             late_clamps, late_refusals = self._motion.settle(now)
             clamped += late_clamps
@@ -242,11 +239,7 @@ class Gate:
                 if not isinstance(command, PlatformOrder):
                     words = f"a {type(command).__name__} is not in the robot's own joints"
                     raise CommandError(f"{words}; valid: the result of GenericBody.to_platform")
-                if isinstance(command, PlatformCommand) and command.mode in SHARES:
-                    shares = stiffness if command.mode is Mode.STIFFNESS else damping
-                    clamped += self._set_share(command, shares)
-                else:
-                    clamped += self._motion.accept(command, now)
+                clamped += self._motion.accept(command, now)
                 taken.append(command)
             except CommandError as error:
                 refusals.append(error.reason)
@@ -256,6 +249,7 @@ class Gate:
             clamped += self._motion.step(now)
         reference = self._reference = self._motion.reference
         self._torque = self._motion.torques(now, due=due)
+        stiffness, damping = self._motion.take_shares()
         self._issued = SafeCommand(
             seal=self._seal,
             stamp=now,
@@ -349,14 +343,3 @@ class Gate:
             )
         else:
             self._pace = passed
-
-    def _set_share(self, command: PlatformCommand, shares: dict[int, float]) -> list[Reason]:
-        """Clamps the stiffness or damping values of a command to 0..1, and writes these fractions by servo
-        into `shares`. Returns the reasons for values that were clamped. Raises CommandError if the command
-        can't be accepted."""
-        check_command(self.robot, command)
-        if command.mode is Mode.STIFFNESS:
-            self._motion.check_stiffness(command)
-        sent = np.clip(command.values, 0.0, 1.0)
-        shares.update(by_servo(command.servos, sent))
-        return self._motion.clamps(command, sent, command.mode.value)

@@ -9,17 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import CommandError
-from tci.gate.acceptance import FAR_OFF, SLOWEST
 from tci.gate.bounds import Bounds, bounds_of
 from tci.gate.kernels.couplings import shift
-from tci.gate.kernels.targets import take_targets
 from tci.gate.trajectory import Guard, OnlineTrajectory
+from tci.messages import PlatformCommand
 from tci.messages.frames import Array
 from tci.reasons import Code
 from tci.robot.description import Robot
@@ -34,6 +32,10 @@ class JointGroup:
     """Indices (n,) into `Robot.servos`, in increasing order."""
     index: NDArray[np.intp]
     """`servos` as an array, for indexing."""
+    place: dict[int, int]
+    """Place in the group of each of its servos."""
+    fastest: list[float]
+    """Speed limits (n,) [rad/s]."""
     limiter: OnlineTrajectory
     """Trajectory of these servos."""
     bounds: Bounds
@@ -47,8 +49,6 @@ class JointGroup:
     servos outside the group. The trajectory uses this array too, so the array is changed in place."""
     leans: bool
     """True if a coupling of the group also contains a servo outside the group."""
-    arrays: tuple[NDArray[Any], ...]
-    """Arrays that `kernels.targets.take_targets` reads and changes."""
 
     @property
     def driven(self) -> list[int]:
@@ -56,21 +56,20 @@ class JointGroup:
         zero."""
         return np.flatnonzero(np.abs(self.limiter.drive) > 0.0).tolist()  # the comparison is false for NaN
 
-    def aim(self, servos: NDArray[np.intp], values: Array, speeds: Array, box: Array, sent: Array) -> float:
-        """Sets the targets of those `servos` (k,) that belong to the group.
-
-        Each target is the requested angle in `values` (k,) [rad], or the nearest angle that the bounds allow.
-        `speeds` (k,) [rad/s] are the largest speeds of the motion. Writes the targets into `sent` (k,) [rad],
-        and returns the largest distance [rad] of a target from the requested angle. `box` (2, n_servos) [rad]
-        contains the limits of all servos. If the command must be refused, changes nothing and returns -1 for
-        invalid numbers, or -2 for angles far outside their limits. `servos` must have the type np.intp,
-        `values` and `speeds` the type np.float64, because a compiled loop reads them.
-        """
-        limiter = self.limiter
-        farthest: float = take_targets((servos, values, speeds), box, FAR_OFF, SLOWEST, self.arrays, sent)
-        if farthest >= 0.0:
-            limiter.begin()
-        return farthest
+    def aim(self, command: PlatformCommand, sent: Array) -> None:
+        """Sets the targets of those servos of a valid command (k,) that belong to the group: the commanded
+        angles, or the nearest angles that the bounds allow. Writes the targets into `sent` (k,) [rad]."""
+        limiter, values, speeds = self.limiter, command.values.tolist(), command.speed.tolist()
+        target, speed, free = limiter.target.tolist(), limiter.speed.tolist(), [False] * len(self.servos)
+        rows = [(row, servo) for row, servo in enumerate(command.servos.tolist()) if servo in self.place]
+        for row, servo in rows:
+            place = self.place[servo]
+            target[place], free[place] = values[row], True
+            speed[place] = min(speeds[row], self.fastest[place])
+        nearest = limiter.bounds.nearest(np.array(target), np.array(free))
+        limiter.aim(nearest, np.array(speed))
+        for row, servo in rows:
+            sent[row] = nearest[self.place[servo]]
 
     def look_outside(self, measured: Array) -> None:
         """Shifts the bounds of the couplings by the contribution of the servos outside the group. `measured`
@@ -80,7 +79,7 @@ class JointGroup:
 
     def places(self, servos: Sequence[int]) -> list[int]:
         """Returns, for each of `servos`, its index within the group."""
-        return [self.servos.index(servo) for servo in servos]
+        return [self.place[servo] for servo in servos]
 
 
 def make_chain(
@@ -115,12 +114,12 @@ def make_chain(
     if not np.isfinite(known).all():  # the caller has checked this, but NaN would pass all later comparisons
         raise CommandError("a servo without limits can't be moved", code=Code.LIMITS_UNKNOWN)
     ends = np.array([bounds.coupling_lower, bounds.coupling_upper])
-    limits = np.array([bounds.lower, bounds.upper, bounds.velocity])
     own = replace(bounds, coupling_lower=ends[0], coupling_upper=ends[1])
     limiter = OnlineTrajectory(own, measured[union], period, guard=guard)
-    index, free = np.array(union), np.zeros(len(union), np.bool_)
-    arrays = index, limits, bounds.coupling, ends, free, limiter.aims
-    chain = JointGroup(union, index, limiter, bounds, outside, ends, bool(outside.any()), arrays)
+    chain = JointGroup(
+        union, np.array(union), {servo: place for place, servo in enumerate(union)}, bounds.velocity.tolist(),
+        limiter, bounds, outside, ends, bool(outside.any()),
+    )  # fmt: skip
     chain.look_outside(measured)
     if speed is not None and speed[union].any():
         limiter.start_moving(speed[union])

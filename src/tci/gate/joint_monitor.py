@@ -8,7 +8,6 @@ command, an encoder that jumps or freezes, or identical data with new stamps.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from operator import is_
 from typing import NamedTuple
 
 import numpy as np
@@ -134,8 +133,7 @@ class JointMonitor:
             self._limits, self._numbers, np.zeros((4, len(never))), np.array([never, never, never, zeros]),
             np.array([zeros, never, -never, never]), self._worst,
         )  # fmt: skip
-        self._other_mode = never
-        self._well: tuple[object, ...] = ()
+        self._other_mode: dict[int, float] = {}
 
     def step(self, joints: JointReading, reference: Reference, torque: Array | None = None) -> Reason | None:
         """Checks a usable reading. Returns the reason why the robot must stop; None if the robot follows its
@@ -146,7 +144,7 @@ class JointMonitor:
         """
         before, self._before = self._before or joints, joints
         elapsed = joints.stamp - before.stamp
-        if reference.modes is not self._modes:
+        if reference.modes != self._modes:
             self._sort(reference.modes)
         pushed = np.zeros(len(reference.servos)) if torque is None else torque
         found = judge_reading(
@@ -183,27 +181,22 @@ class JointMonitor:
     def _fault_of_state(self, joints: JointReading, reference: Reference) -> Reason | None:
         """Returns the reason to stop if a servo is off, or if it is in another mode than commanded; else
         None."""
-        servos, seen = reference.servos, (joints.powered, joints.modes, reference.servos, reference.modes)
-        if len(self._well) == len(seen) and all(map(is_, seen, self._well)):
-            return None  # identical to the objects that passed the last check
-        self._well = ()
+        servos = reference.servos
         if joints.powered is not None and not joints.powered[servos].all():
             off = servos[int(np.argmin(joints.powered[servos]))]
             return Reason(Code.SERVO_OFF, f"{self._names[off]} is under command and its servo is off")
-        well = True
-        for place, servo in enumerate(servos.tolist()):
-            mode = reference.modes[place]
-            reported = None if joints.modes is None else joints.modes[servo]
-            if reported is None or reported is mode:
-                self._other_mode[servo] = np.inf
-                continue
-            well = False
-            self._other_mode[servo] = min(self._other_mode[servo], joints.stamp)
+        if joints.modes is None:
+            return None
+        others = [
+            (servo, mode, reported)
+            for servo, mode in zip(servos.tolist(), reference.modes, strict=True)
+            if (reported := joints.modes[servo]) is not None and reported is not mode
+        ]
+        self._other_mode = {servo: self._other_mode.get(servo, joints.stamp) for servo, _, _ in others}
+        for servo, mode, reported in others:
             if joints.stamp - self._other_mode[servo] > self.settings.mode_change:
                 words = f"{self._names[servo]} reports mode {reported.value}; commanded in {mode.value}"
                 return Reason(Code.SERVO_MODE, words)
-        if well:
-            self._well = seen
         return None
 
     def _fault_of_motion(self, found: int, reference: Reference) -> Reason:

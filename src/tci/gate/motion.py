@@ -11,20 +11,17 @@ from numpy.typing import NDArray
 
 from tci.errors import CommandError
 from tci.gate.acceptance import (
-    FAR_OFF,
     by_servo,
+    check_angles,
     check_command,
     check_limits,
     check_switch,
-    is_usual,
-    refuse_far,
 )
 from tci.gate.bounds import MARGIN
 from tci.gate.commanded_groups import CommandedGroups
 from tci.gate.freshness import Freshness
-from tci.gate.immovable import Immovable
+from tci.gate.immovable import Immovable, is_movable
 from tci.gate.joint_monitor import Reference
-from tci.gate.kernels.targets import INVALID, is_far_off
 from tci.gate.settings import GateSettings, Tally
 from tci.gate.speeds import Slope, Speeds
 from tci.gate.torque import TorqueLimiter
@@ -42,6 +39,8 @@ DEGREE = float(np.rad2deg(1.0))
 """Degrees in a radian."""
 TARGETS = (Mode.POSITION, Mode.IMPEDANCE)
 """Modes whose commands are angles."""
+SHARES = (Mode.STIFFNESS, Mode.DAMPING)
+"""Quantities that can be set in every control mode."""
 FASTEST = 1e6
 """Upper bound on requested speeds [rad/s]. Without this bound, calculations with a very large speed could
 overflow."""
@@ -83,11 +82,9 @@ class Motion:
         self.robot, self._streams = robot, streams
         self._settings = settings
         self._tally = tally
-        limits = [servo.limits for servo in robot.servos]
-        ends = [[limit.lower for limit in limits], [limit.upper for limit in limits]]
-        self._box = np.array(ends, dtype=float)
         self.groups = CommandedGroups(robot, period=period, settings=settings)
         """Servos under command, without those in torque mode."""
+        self.groups.rehearse()
         self._torque = TorqueLimiter(robot, period, speed_share=settings.speed_share)
         self._fed = np.full(len(robot.servos), -np.inf)
         self._velocity = self._speed = np.zeros(len(robot.servos))
@@ -96,10 +93,11 @@ class Motion:
         self._powered: NDArray[np.bool_] | None = None
         self._switched: set[int] = set()
         self._waiting: list[WaitingSwitch] = []
-        self._known: set[int] = set()
+        self._fixed = {servo.index for servo in robot.servos if not is_movable(servo)}
         self._immovable = Immovable(robot)
         self._shares = np.zeros(len(robot.servos))
-        self._none = frozen(np.zeros(0))
+        self._stiffness: dict[int, float] = {}
+        self._damping: dict[int, float] = {}
 
     @property
     def modes(self) -> list[Mode]:
@@ -110,7 +108,7 @@ class Motion:
     def reference(self) -> Reference:
         """Present references of the servos under command. Servos in torque mode come last; their references
         are their measured positions."""
-        return self.groups.reference(self._torque.servos)
+        return self.groups.reference()
 
     @property
     def targets(self) -> Array:
@@ -170,41 +168,38 @@ class Motion:
         self.groups.drop()
         self._torque.relax()
 
-    def accept(self, command: PlatformOrder, now: float) -> list[Reason]:
+    def accept(self, order: PlatformOrder, now: float) -> list[Reason]:
         """Accepts an order. Returns one reason for each value that was clamped, and for a switch that waits
         for rest. If the order can't be accepted, raises CommandError and changes nothing."""
-        command = self._immovable.left_out(command)
-        if isinstance(command, PlatformSwitch):
-            return self._switch(command, now)
-        if self._waiting and self._keep_for_later(command, now):
-            return []
+        if order.mode in SHARES and isinstance(order, PlatformCommand):
+            return self._share(check_command(self.robot, order))
+        order = self._immovable.left_out(order)
+        if isinstance(order, PlatformSwitch):
+            return self._switch(order, now)
+        command = check_command(self.robot, order)
+        self._check_modes(command)
         if command.mode in TARGETS:
-            return self._aim(command)
-        servos, _, _ = check_command(self.robot, command)
-        self._check_modes(servos, command.mode)
-        clamped = self._push(command) if command.mode is Mode.TORQUE else self._drive(command)
-        self._fed[servos] = now
+            check_angles(self.robot, command)
+        for switch in self._waiting:
+            if switch.names(command):
+                switch.keep(command, now)
+                return []
+        match command.mode:
+            case Mode.VELOCITY:
+                clamped = self._drive(command)
+            case Mode.TORQUE:
+                clamped = self._push(command)
+            case _:
+                return self._aim(command)
+        self._fed[command.servos] = now
         return clamped
 
     def _aim(self, command: PlatformCommand) -> list[Reason]:
         """Sets the targets of the servos in a command. Returns the reasons for values that were clamped."""
-        servos, values, speeds = command.servos, command.values, command.speed
-        usual = is_usual(command)
-        chains = self.groups.found(command.mode, servos) if usual else None
-        if chains is None:
-            servos, values, speeds = check_command(self.robot, command)
-            self._check_modes(servos, command.mode)
-            if is_far_off(servos, values, self._box, FAR_OFF):
-                refuse_far(self.robot, command)
-            chains = self.groups.moving(servos.tolist())
-            self.groups.note(command.mode, servos, chains)
-        sent = np.empty(len(servos))
-        farthest = max([chain.aim(servos, values, speeds, self._box, sent) for chain in chains])
-        if farthest == INVALID:
-            check_command(self.robot, command)
-        if farthest < 0.0:
-            refuse_far(self.robot, command)
-        return [] if farthest <= 2 * MARGIN else self.clamps(command, sent, "rad")
+        sent = np.empty(len(command.servos))
+        for chain in self.groups.moving(command.servos.tolist()):
+            chain.aim(command, sent)
+        return self.clamps(command, sent, "rad")
 
     def step(self, now: float) -> list[Reason]:
         """Moves the servos by one period. Returns the reasons for motions that were ended to avoid
@@ -224,6 +219,7 @@ class Motion:
             if limiter.outside:
                 limiter.measured = self.groups.measured[chain.index]
             limiter.step()
+            self.groups.note_motion()
             if (ended := limiter.ended) is not None:
                 near.append(replace(ended, text=f"stopped on the way: {ended}"))
                 self._tally.near_misses += ended.code is Code.SELF_COLLISION
@@ -241,9 +237,7 @@ class Motion:
         """
         others = self.groups.count
         if not self._torque.servos.size:
-            if self._none.size != others:
-                self._none = frozen(np.zeros(others))
-            return self._none
+            return frozen(np.zeros(others))
         age = self._freshness.age(now)
         trust = np.full(len(self._torque.servos), self._freshness.trust(age))
         if self._powered is not None:
@@ -263,18 +257,19 @@ class Motion:
         sent = self._torque.ask(command.servos, command.values)
         return self.clamps(command, sent, "N m")
 
-    def _check_modes(self, servos: NDArray[np.intp], mode: Mode) -> None:
-        """Raises CommandError unless all limits of `servos` (k,) are known and all of these servos are in
-        `mode`."""
-        for servo in servos.tolist():
-            if servo not in self._known:
+    def _check_modes(self, command: PlatformCommand) -> None:
+        """Raises CommandError unless all limits of the servos are known and all of them are in the mode of
+        the command, or wait to be switched to it."""
+        for servo in command.servos.tolist():
+            if servo in self._fixed:
                 check_limits(self.robot.servos[servo])
-                self._known.add(servo)
-            own = next((one.mode for one in self._waiting if servo in one.servos), self.modes[servo])
-            if own is not mode:
+            own = self.modes[servo]
+            for switch in self._waiting:
+                own = switch.mode if servo in switch.servos else own
+            if own is not command.mode:
                 raise CommandError(
                     f"{self.robot.servos[servo].name} is in {own.value} mode, the command is "
-                    f"in {mode.value} mode; valid: switch the mode first",
+                    f"in {command.mode.value} mode; valid: switch the mode first",
                     code=Code.WRONG_MODE,
                 )
 
@@ -294,29 +289,47 @@ class Motion:
             chain.limiter.drive_at(chain.places(mine), np.array([wanted[servo] for servo in mine]))
         return self.clamps(command, sent, "rad/s")
 
-    def check_stiffness(self, command: PlatformCommand) -> None:
+    def take_shares(self) -> tuple[dict[int, float], dict[int, float]]:
+        """Returns stiffness and damping (0..1), by servo index, that were commanded since the last call."""
+        shares = self._stiffness, self._damping
+        self._stiffness, self._damping = {}, {}
+        return shares
+
+    def _share(self, command: PlatformCommand) -> list[Reason]:
+        """Takes fractions of stiffness or damping. Returns the reasons for values that were clamped."""
+        sent = np.clip(command.values, 0.0, 1.0)
+        if command.mode is Mode.STIFFNESS:
+            self._check_stiffness(command)
+            self._shares[command.servos] = sent
+        shares = self._stiffness if command.mode is Mode.STIFFNESS else self._damping
+        shares.update(by_servo(command.servos, sent))
+        return self.clamps(command, sent, command.mode.value)
+
+    def _check_stiffness(self, command: PlatformCommand) -> None:
         """Raises CommandError if the command raises the stiffness of a joint that has yielded to an outside
         force. A stiffer joint would jump back to its equilibrium."""
-        reference = self.reference
+        reference, monitor = self.reference, self._settings.monitor
+        if monitor is None:
+            return
         place = {servo: index for index, servo in enumerate(reference.servos.tolist())}
         for servo, share in by_servo(command.servos, command.values).items():
             if servo not in place or self.modes[servo] is not Mode.IMPEDANCE or share <= self._shares[servo]:
                 continue
             deviation = abs(float(reference.position[place[servo]] - self.groups.measured[servo]))
-            monitor = self._settings.monitor
-            if monitor is not None and deviation > monitor.following_error:
+            if deviation > monitor.following_error:
                 raise CommandError(
                     f"{self.robot.servos[servo].name} is {np.rad2deg(deviation):.1f} degrees from its "
                     f"equilibrium; valid: no more stiffness than {self._shares[servo]:.2f} there",
                     code=Code.LIMITS_EXCEEDED,
                 )
-        self._shares[command.servos] = np.clip(command.values, 0.0, 1.0)
 
     def clamps(self, command: PlatformCommand, sent: Array, unit: str) -> list[Reason]:
         """Returns a reason for each servo whose accepted value in `sent` (k,) differs from the requested
         value in `command`, and adds 1 to the count of this servo's clamps. The reasons give the values in
         `unit`."""
         clamped: list[Reason] = []
+        if not (np.abs(command.values - sent) > 2 * MARGIN).any():
+            return clamped
         accepted = by_servo(command.servos, sent)
         for servo, asked in by_servo(command.servos, command.values).items():
             allowed = accepted[servo]
@@ -380,19 +393,6 @@ class Motion:
         parts = ", ".join(dict.fromkeys(self.robot.servos[servo].robot_part for servo in servos))
         text = f"{parts} switches to {mode.value} in {longest:.2f} s, at rest"
         return Reason(Code.SWITCHES_AT_REST, text, tuple(self.robot.servos[servo].name for servo in servos))
-
-    def _keep_for_later(self, command: PlatformCommand, now: float) -> bool:
-        """Keeps a command that has the mode of a waiting switch, and returns True. Returns False for a
-        command to other servos. Raises CommandError if the command is invalid or has another mode."""
-        check_command(self.robot, command)
-        waiting = next((one for one in self._waiting if one.names(command)), None)
-        if waiting is None:
-            return False
-        self._check_modes(command.servos, command.mode)
-        if command.mode in TARGETS and is_far_off(command.servos, command.values, self._box, FAR_OFF):
-            refuse_far(self.robot, command)
-        waiting.keep(command, now)
-        return True
 
     def settle(self, now: float) -> tuple[list[Reason], list[Reason]]:
         """Switches servos that waited for rest and have come to rest, and executes the latest commands in

@@ -13,7 +13,6 @@ from tci.errors import DriverError
 from tci.messages import Mode, PlatformOrder
 from tci.messages.frames import Array
 from tci.reasons import Reason
-from tci.support.records import quick
 
 
 class GateState(Enum):
@@ -37,7 +36,6 @@ class GateToken:
     """Name of the robot for which the gate was created."""
 
 
-@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class SafeCommand:
     """Command that may be written now. A gate creates the command for the driver of this gate, and the driver

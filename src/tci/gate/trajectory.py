@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from enum import Enum
 
 import numpy as np
 
 from tci.errors import CommandError
 from tci.gate.bounds import MARGIN, Bounds
-from tci.gate.kernels.targets import SPEED, TARGET, straight_limits
 from tci.gate.motion_planner import MotionPlanner
 from tci.gate.stop_plan import StopPlanner, StopTrajectory
 from tci.gate.way_inside import OUTSIDE, STILL, UNPLANNED, creeping, sags, was_there
@@ -22,6 +22,19 @@ below this fraction of the longest distance is replaced by this fraction, becaus
 Guard = Callable[[StopTrajectory], Reason | None]
 """Function that checks a planned stop before the state at its beginning is sent. Returns the reason to refuse
 the stop, or None."""
+
+
+class Phase(Enum):
+    """What a trajectory does. At any time it is in exactly one of these phases."""
+
+    RESTS = "rests"
+    """Nothing moves until the next command."""
+    GOES = "goes"
+    """The servos move to their targets, or at their velocities."""
+    STOPS = "stops"
+    """All targets are dropped, and the servos brake."""
+    RETURNS = "returns"
+    """All targets are dropped. Servos outside their limits move back inside, all others brake."""
 
 
 class OnlineTrajectory:
@@ -48,33 +61,26 @@ class OnlineTrajectory:
         self.ended: Reason | None
         """Reason for which the function `guard` ended the motion in the latest step; None if `guard` did not
         end it."""
-        self.aims: Array = np.array([bounds.inside(position), bounds.velocity, np.zeros(count)])
-        """Array (3, n) for the present motion. Row 0: targets [rad], which are always inside the limits. Row
-        1: speed limits [rad/s]. Row 2: work space of the function that changes the targets. After a change,
-        call `begin`."""
-        self.target: Array = self.aims[TARGET]
-        self.speed: Array = self.aims[SPEED]
-        """`target` and `speed` are views of the first two rows of `aims`: targets [rad] and speed limits
-        [rad/s], both (n,)."""
+        self.target: Array = bounds.inside(position)
+        """Targets (n,) [rad], always inside the limits."""
+        self.speed: Array = bounds.velocity.copy()
+        """Largest speeds (n,) [rad/s] on the way to the targets."""
         self.drive: Array = np.full(count, np.nan)
         """Velocity (n,) [rad/s] at which each servo is driven; NaN for a servo that moves to a target."""
         self.drives: bool
         """True if any servo is driven at a velocity."""
-        self._returns = False
         self._hindrance: Reason
         self._begin()
-        self._resting = True
+        self._phase = Phase.RESTS
         self.found, self.measured = np.array(position), position
         """Measured angles (n,) [rad]: when the servos came under command, and now."""
         self._led = False  # True if the latest state is a result of ruckig's present plan for these servos
-        self._creeps: bool  # True if the planner's targets are those of slow motion outside the limits
         self._straight = False
         self._planner = MotionPlanner(count, period)
         self._planner.set_limits(bounds.acceleration, bounds.jerk)
         self._stopper = StopPlanner(bounds, position, period)
         self.whole_state: Array
-        """Latest position [rad], velocity [rad/s] and acceleration [rad/s2] as one array (3, n). While
-        nothing moves, this attribute remains the identical array object."""
+        """Latest position [rad], velocity [rad/s] and acceleration [rad/s2] as one array (3, n)."""
         self.position: Array
         """Latest position (n,) [rad] on the trajectory, the first row of `whole_state`."""
         self.outside: bool
@@ -97,7 +103,7 @@ class OnlineTrajectory:
     @property
     def rests(self) -> bool:
         """True if nothing moves until a new command, so that steps can be omitted."""
-        return self._resting and not self.drives
+        return self._phase is Phase.RESTS and not self.drives
 
     def start_moving(self, velocity: Array) -> None:
         """Starts at `velocity` (n,) [rad/s] instead of at rest, for servos that move when they come under
@@ -136,7 +142,7 @@ class OnlineTrajectory:
         self.drive[places] = other.drive[others]
         self.found[places] = other.found[others]
         self._set_interfaces()
-        self._resting = False
+        self._phase = Phase.GOES
 
     def aim(self, target: Array, speed: Array) -> None:
         """Sets the `target` (n,) [rad], which the servos approach at `speed` (n,) [rad/s] at most. Target and
@@ -145,13 +151,8 @@ class OnlineTrajectory:
         Servos that are driven at a velocity continue at this velocity.
         """
         self.target[:], self.speed[:] = target, speed
-        self.begin()
-
-    def begin(self) -> None:
-        """Begins the motion to the targets in `aims`."""
         if self._straight:
             self._set_straight(not self.whole_state[1].any())
-        self._asked = True
         self._begin()
 
     def drive_at(self, places: Sequence[int], velocity: Array) -> None:
@@ -169,23 +170,23 @@ class OnlineTrajectory:
     def _begin(self) -> None:
         """Prepares for a new command: ends a halt, and permits servos outside their limits to try again to
         move back inside."""
-        self._stopping = self._resting = False
+        self._phase = Phase.GOES
         self._told: Code | None = None
         self._barred: Reason | None = None  # why the way inside is not tried until the next command
 
     def halt(self) -> None:
         """Drops all commanded targets and velocities, and brings all servos to rest as fast as the bounds
         allow."""
-        self._returns = False
-        if not self._stopping:
+        if self._phase in (Phase.RESTS, Phase.GOES):
             self.target[:] = self.bounds.inside(self._stopper.end)
             self.drive[self._driven] = 0.0
-        self._stopping = True
+        if self._phase is not Phase.RESTS:
+            self._phase = Phase.STOPS
 
     @property
     def remaining(self) -> float:
         """Time [s] that a stop from the latest state takes until all servos are at rest."""
-        return 0.0 if self._resting else self._stopper.remaining
+        return 0.0 if self._phase is Phase.RESTS else self._stopper.remaining
 
     def stops_in(self, places: Sequence[int]) -> float:
         """Time [s] in which the servos at `places` come to rest if they stop now."""
@@ -194,24 +195,27 @@ class OnlineTrajectory:
     def stop_at(self, times: Array) -> Array:
         """Returns the positions (k, n) [rad] that the servos would have at `times` (k,) [s] from now if they
         stopped now."""
-        if self._resting:
+        if self._phase is Phase.RESTS:
             return np.tile(self.position, (len(times), 1))
         return self._stopper.ahead(times)
 
     def ahead(self, time: float) -> Array:
         """Returns the positions (n,) [rad] that the servos will have after `time` [s] if no new command
         arrives."""
-        if self._stopping or self._stopper.begun or not self._led:
-            ahead: Array = self._stopper.ahead(np.array([time]))[0]
-            return ahead
-        return self.position if self._resting else self._planner.ahead(time)
+        if self._phase is Phase.RESTS:
+            return self.position
+        if self._phase is Phase.GOES and self._led and not self._stopper.begun:
+            return self._planner.ahead(time)
+        ahead: Array = self._stopper.ahead(np.array([time]))[0]
+        return ahead
 
     def step(self) -> Array:
         """Moves by one period, and returns the new positions (n,) [rad]."""
         self.ended = None
-        waits = self._resting or (self._barred is not None and self._waits)
-        moved = waits or (not self._stopping and self._advance())
-        if not moved and not (self._stopping and self._returns and self._return_inside()):
+        moved = self._phase is Phase.RESTS or (self._barred is not None and self._waits)
+        moved = moved or (self._phase is Phase.GOES and self._advance())
+        moved = moved or (self._phase is Phase.RETURNS and self._return_inside())
+        if not moved:
             self._brake()
         return self.position
 
@@ -219,7 +223,7 @@ class OnlineTrajectory:
     def _waits(self) -> bool:
         """True if servos are outside their limits and their motion back inside was refused, for example
         because of a self-collision. No servo then moves until the next command."""
-        if self.drives or (self._stopping and not self._returns):
+        if self.drives or self._phase is Phase.STOPS:
             return False
         return not (self.whole_state[1].any() or self._sags)
 
@@ -239,15 +243,12 @@ class OnlineTrajectory:
         """
         if self._barred and not self.drives:  # the other servos are at rest
             return self._return_inside()
-        if self._asked or self.outside is not self._creeps:
-            self._planner.set_targets(self.target, self._creeping if self.outside else self._most)
-            self._asked, self._creeps = False, self.outside
+        self._planner.set_targets(self.target, self._creeping if self.outside else self._most)
         back = self._back() if self.outside else None
         if self.drives:
             self._set_velocities(back, inward=True)
         taken, fault = (False, self._barred) if self._barred and back is not None else self._try()
         if not taken and back is not None and (fault or self.drives or self._straight):
-            self._asked = True
             others = np.where(back != 0.0, self.position, self.target)
             self._planner.set_targets(others, self._creeping)
             if self.drives:
@@ -262,7 +263,7 @@ class OnlineTrajectory:
         self._told = None if fault is None else fault.code
         if fault and not taken:
             self.halt()
-            self._returns = self.outside
+            self._phase = Phase.RETURNS if self.outside else Phase.STOPS
         return taken
 
     @property
@@ -298,6 +299,7 @@ class OnlineTrajectory:
         Until then, only servos that have sagged farther outside move: back to the angles at which they came
         under command.
         """
+        dropped = self._phase is Phase.RETURNS
         self._set_straight(False)
         back, rests = self._back(), bool(np.abs(self.whole_state[1]).max() <= STILL)
         if not back.any() or (self._barred and not self._sags):
@@ -308,7 +310,7 @@ class OnlineTrajectory:
         if not taken and rests and self._barred is None and (fault or self._hindrance is OUTSIDE):
             self._barred = fault or OUTSIDE
         self._set_interfaces()
-        self._led = self._resting = False
+        self._led, self._phase = False, Phase.RETURNS if dropped else Phase.GOES
         return taken
 
     def _try(self, back: Array | None = None) -> tuple[bool, Reason | None]:
@@ -329,7 +331,8 @@ class OnlineTrajectory:
         self._planner.take()
         self.whole_state, self.position, self.outside = state, state[0], self._stopper.outside
         self._stopper.keep()
-        self._resting = self._planner.ended and not (self._driving or self.outside)
+        if self._planner.ended and not (self._driving or self.outside):
+            self._phase = Phase.RESTS
         self._led = True
         return True, None
 
@@ -338,7 +341,8 @@ class OnlineTrajectory:
         state, rests = self._stopper.step()
         self._set_state(state)
         if rests:
-            self._resting = self._stopping and not (self._returns and self.outside)
+            if self._phase is Phase.STOPS or (self._phase is Phase.RETURNS and not self.outside):
+                self._phase = Phase.RESTS
             self._set_straight(True)
 
     def _set_interfaces(self) -> None:
@@ -356,13 +360,12 @@ class OnlineTrajectory:
         for straight motions, phase synchronisation, fails because rounded states are not exactly on a line.)
         """
         was, self._straight = self._straight, straight and not self.drives
-        self._asked = True
         self._most, acceleration, jerk = self.speed, self.bounds.acceleration, self.bounds.jerk
         if self._straight:
-            limits = np.empty((3, len(jerk)))
-            here = self.position
-            straight_limits(here, self.target, self._most, acceleration, jerk, MARGIN, LEAST_SHARE, limits)
-            self._most, acceleration, jerk = limits
+            way = np.abs(self.target - self.position)
+            share = np.maximum(way / max(MARGIN, way.max()), LEAST_SHARE)
+            most = np.array([self._most, acceleration, jerk])
+            self._most, acceleration, jerk = share * (most / share).min(axis=1, keepdims=True)
         elif not was:  # the planner already has these limits
             return
         self._planner.set_limits(acceleration, jerk)

@@ -64,9 +64,8 @@ def project(
 
 
 @compiled(
-    void(views(1), views(1), views(1), views(2), views(1), views(1), views(1, boolean), writes(1)),
-    seldom=True,
-)
+    void(views(1), views(1), views(1), views(2), views(1), views(1), views(1, boolean), writes(1))
+)  # fmt: skip
 def find_nearest(
     lower: Array, upper: Array, target: Array, coupling: Array, lows: Array, highs: Array,
     free: NDArray[np.bool_], point: Array,

@@ -66,10 +66,10 @@ class SelfCollision:
         self._model = self._clearance.model
         self._data = mujoco.MjData(self._model)
         s = self._solids = _solids(without_skin(robot))
-        self._arrays = (s.joints, s.shapes, s.points, s.poses, s.pairs, s.levers)
+        self._arrays = (s.path, s.steps, s.sums, s.shapes, s.points, s.poses, s.pairs, s.levers)
         joints, pairs = s.levers.shape
         self._left, self._axis, self._least = np.zeros(pairs, np.int32), np.zeros((pairs, 3)), np.zeros(pairs)
-        self._angles, self._frames = np.zeros(joints), np.zeros((joints, 12))
+        self._angles, self._frames = np.zeros(joints), np.zeros((joints, 3, 4))
         self._slack, self._asked, self._at = np.zeros(pairs), np.zeros(pairs, np.int32), np.zeros(2, np.int64)
         never = np.full(pairs, -np.inf)
         self._known = (

@@ -341,13 +341,19 @@ def _fixed(pose: Array) -> Array:
     return np.stack([pose[:3], np.zeros((3, 4)), np.zeros((3, 4))])
 
 
+def turning(axis: Array) -> Array:
+    """Returns K0, K1 and K2 (3, 3, 3): K0 + K1 cos q + K2 sin q is the rotation by q about the unit vector
+    `axis` (3,)."""
+    along = np.outer(axis, axis)
+    return np.stack([along, np.eye(3) - along, np.cross(axis, np.eye(3)).T])
+
+
 def _moving(model: mujoco.MjModel, joint: int) -> Array:
     a, point, zero = model.jnt_axis[joint], model.jnt_pos[joint], float(model.qpos0[model.jnt_qposadr[joint]])
     if model.jnt_type[joint] == _SLIDE:
         way = np.column_stack([np.zeros((3, 3)), a])
         return np.stack([np.eye(3, 4) - zero * way, way, np.zeros((3, 4))])
-    along, cross = np.outer(a, a), np.cross(a, np.eye(3)).T
-    still, cos, sin = (np.column_stack([R, -R @ point]) for R in (along, np.eye(3) - along, cross))
+    still, cos, sin = (np.column_stack([R, -R @ point]) for R in turning(a))
     still[:, 3] += point
     c, s = np.cos(zero), np.sin(zero)
     return np.stack([still, c * cos - s * sin, s * cos + c * sin])

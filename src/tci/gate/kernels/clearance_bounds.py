@@ -13,14 +13,17 @@ from numba import float64, int32, int64, void
 from numpy.typing import NDArray
 
 from tci.messages.frames import Array
+from tci.robot.kernels.links import take_steps
 from tci.skin.kernels.arrays import Indices
 from tci.support.compiled import compiled, inlined, reads, returns, writes
 
-SOLIDS = returns(reads(2), reads(2), reads(2), reads(2), reads(2, int32), reads(2))
-"""Numba types of the arrays `joints`, `shapes`, `points`, `poses`, `pairs` and `levers` of the class
-`Solids`, in this order."""
+SOLIDS = returns(
+    reads(2, int64), reads(2, int64), reads(4), reads(2), reads(2), reads(2), reads(2, int32), reads(2)
+)  # fmt: skip
+"""Numba types of the arrays `path`, `steps`, `sums`, `shapes`, `points`, `poses`, `pairs` and `levers` of the
+class `Solids`, in this order."""
 KNOWN = returns(
-    writes(2), writes(1), writes(2), writes(1, int32), writes(1), writes(1), writes(1), writes(2), writes(1)
+    writes(2), writes(1), writes(2), writes(1, int32), writes(1), writes(1), writes(1), writes(3), writes(1)
 )  # fmt: skip
 """Numba types of the nine arrays in which the loops of this file store the known distances of p pairs of
 collision shapes, and intermediate results.
@@ -35,7 +38,7 @@ The arrays, in this order:
   must keep
 - least allowed distance (p,) [m] of each pair
 - largest change (p,) [m] of each pair's distance from one point of the path to the next
-- position [m] (3 numbers) and rotation matrix (9 numbers) of each joint's frame (j, 12)
+- pose (j, 3, 4) of each joint's frame: rotation matrix, and position [m] in the last column
 - angles (j,) [rad] of the joints at which these frames were computed
 """
 Arrays = tuple[Array, ...]
@@ -51,42 +54,18 @@ average."""
 
 
 @inlined
-def place(joints: Array, angles: Array, frames: Array) -> None:
-    """Computes the pose of each joint's frame in the world at `angles` (j,) [rad], and writes it into
-    `frames` (j, 12): position [m] (3 numbers) and rotation matrix (9 numbers). `joints` (j, 7) is the array
-    of `Solids`."""
-    for j in range(len(joints)):
-        up = int(joints[j, 0])
-        x, y, z = joints[j, 4], joints[j, 5], joints[j, 6]
-        c, s = np.cos(angles[j]), np.sin(angles[j])
-        d = 1.0 - c
-        r00, r01, r02 = c + d * x * x, d * x * y - s * z, d * x * z + s * y
-        r10, r11, r12 = d * x * y + s * z, c + d * y * y, d * y * z - s * x
-        r20, r21, r22 = d * x * z - s * y, d * y * z + s * x, c + d * z * z
-        for i in range(3):
-            if up >= 0:
-                a, b, e = frames[up, 3 + 3 * i], frames[up, 4 + 3 * i], frames[up, 5 + 3 * i]
-                frames[j, i] = frames[up, i] + a * joints[j, 1] + b * joints[j, 2] + e * joints[j, 3]
-            else:
-                a, b, e = 1.0 * (i == 0), 1.0 * (i == 1), 1.0 * (i == 2)
-                frames[j, i] = joints[j, 1 + i]
-            frames[j, 3 + 3 * i] = a * r00 + b * r10 + e * r20
-            frames[j, 4 + 3 * i] = a * r01 + b * r11 + e * r21
-            frames[j, 5 + 3 * i] = a * r02 + b * r12 + e * r22
-
-
-@inlined
 def _shadow(shapes: Array, points: Array, frames: Array, shape: int, x: float, y: float, z: float) -> float:
     """Returns the largest coordinate [m] of the shape with the index `shape` along the unit vector (x, y, z)
     of the world frame."""
     j = int(shapes[shape, 0])
     start = 0.0
     if j >= 0:
-        start = x * frames[j, 0] + y * frames[j, 1] + z * frames[j, 2]
+        T = frames[j]
+        start = x * T[0, 3] + y * T[1, 3] + z * T[2, 3]
         x, y, z = (
-            x * frames[j, 3] + y * frames[j, 6] + z * frames[j, 9],
-            x * frames[j, 4] + y * frames[j, 7] + z * frames[j, 10],
-            x * frames[j, 5] + y * frames[j, 8] + z * frames[j, 11],
+            x * T[0, 0] + y * T[1, 0] + z * T[2, 0],
+            x * T[0, 1] + y * T[1, 1] + z * T[2, 1],
+            x * T[0, 2] + y * T[1, 2] + z * T[2, 2],
         )
     farthest = -np.inf
     for v in range(int(shapes[shape, 1]), int(shapes[shape, 2])):
@@ -107,18 +86,19 @@ def _centre(shapes: Array, frames: Array, shape: int) -> tuple[float, float, flo
     x, y, z = shapes[shape, 3], shapes[shape, 4], shapes[shape, 5]
     if j < 0:
         return x, y, z
+    T = frames[j]
     return (
-        frames[j, 0] + frames[j, 3] * x + frames[j, 4] * y + frames[j, 5] * z,
-        frames[j, 1] + frames[j, 6] * x + frames[j, 7] * y + frames[j, 8] * z,
-        frames[j, 2] + frames[j, 9] * x + frames[j, 10] * y + frames[j, 11] * z,
+        T[0, 3] + T[0, 0] * x + T[0, 1] * y + T[0, 2] * z,
+        T[1, 3] + T[1, 0] * x + T[1, 1] * y + T[1, 2] * z,
+        T[2, 3] + T[2, 0] * x + T[2, 1] * y + T[2, 2] * z,
     )
 
 
 @inlined
 def at_least(shapes: Array, points: Array, frames: Array, pairs: Indices, axis: Array, p: int) -> float:
-    """Returns a lower bound [m] on the distance between the two shapes of pair `p`, while the joints have the
-    poses `frames` (j, 12). `axis[p]` is a unit vector along which the shapes are probably far apart; zeros if
-    no such vector is known."""
+    """Returns a lower bound [m] on the distance between the two shapes of pair `p`, while the joints have
+    the poses `frames` (j, 3, 4). `axis[p]` is a unit vector along which the shapes are probably far apart;
+    zeros if no such vector is known."""
     one, other = pairs[p, 0], pairs[p, 1]
     ax, ay, az = _centre(shapes, frames, one)
     bx, by, bz = _centre(shapes, frames, other)
@@ -150,12 +130,12 @@ def _count_near(solids: Arrays, known: Arrays, ends: Array, margin: float) -> in
     """Returns the number of pairs of shapes that may come as close as `margin` [m] while the joints are
     between the least and largest angles `ends` (2, j) [rad]. Writes the indices of these pairs into the
     fourth array of `known` (see `KNOWN`)."""
-    joints, shapes, points, _, pairs, levers = solids
+    path, steps, sums, shapes, points, _, pairs, levers = solids
     posture, distance, axis, left, bound, _, _, frames, middle = known
     low, high = ends
     for p in range(len(pairs)):
         bound[p] = distance[p]
-    for j in range(len(joints)):
+    for j in range(len(steps)):
         for p in range(len(pairs)):
             far = max(abs(low[j] - posture[j, p]), abs(high[j] - posture[j, p]))
             bound[p] -= far * levers[j, p]
@@ -164,18 +144,18 @@ def _count_near(solids: Arrays, known: Arrays, ends: Array, margin: float) -> in
         if bound[p] > margin:
             continue
         if not ready:
-            for j in range(len(joints)):
+            for j in range(len(steps)):
                 middle[j] = (low[j] + high[j]) / 2.0
-            place(joints, middle, frames)
+            take_steps(middle, path, steps, sums, frames)
             ready = True
         there, way = distance[p], 0.0
-        for j in range(len(joints)):
+        for j in range(len(steps)):
             there -= abs(middle[j] - posture[j, p]) * levers[j, p]
             way += (high[j] - low[j]) / 2.0 * levers[j, p]
         now = at_least(shapes, points, frames, pairs, axis, p)
         if now > there:
             distance[p] = now
-            for j in range(len(joints)):
+            for j in range(len(steps)):
                 posture[j, p] = middle[j]
         if not max(now, there) - way > margin:
             left[count] = p
@@ -241,13 +221,14 @@ def follow(
     `known` the poses and angles of the joints at this point. The next call continues at the place `at` (2,),
     which is zeros at the beginning.
     """
-    joints, shapes, points, _, pairs, own = solids
+    way_up, steps, sums, shapes, points, _, pairs, own = solids
     posture, distance, axis, left, slack, least, step, frames, angles = known
+    joints = range(len(steps))
     if at[0] == 0 and at[1] == 0:
         for u in range(count):
             p = left[u]
             least[p], slack[p], way = margin, distance[p] - margin, 0.0
-            for j in range(len(joints)):
+            for j in joints:
                 slack[p] -= abs(path[0, j] - posture[j, p]) * own[j, p]
                 for k in range(len(path) - 1):
                     way += abs(path[k + 1, j] - path[k, j]) * own[j, p]
@@ -256,13 +237,13 @@ def follow(
     while at[0] < len(path) - 1:
         here, there = path[at[0]], path[at[0] + 1]
         way = 0.0
-        for j in range(len(joints)):
+        for j in joints:
             way += abs(there[j] - here[j]) * levers[j]
         parts = max(1, int(np.ceil(way / stride)))
         for u in range(count):
             p = left[u]
             step[p] = 0.0
-            for j in range(len(joints)):
+            for j in joints:
                 step[p] += abs(there[j] - here[j]) * own[j, p] / parts
         while at[1] < parts:
             free = parts - at[1]  # number of points for which the slack of all pairs suffices
@@ -277,9 +258,9 @@ def follow(
                 break
             at[1] += 1
             share = at[1] / parts
-            for j in range(len(joints)):
+            for j in joints:
                 angles[j] = here[j] * (1.0 - share) + there[j] * share
-            place(joints, angles, frames)
+            take_steps(angles, way_up, steps, sums, frames)
             found = 0
             for u in range(count):
                 p = left[u]
@@ -298,15 +279,16 @@ def follow(
     return 0
 
 
-@compiled(void(SOLIDS, reads(1), writes(2), writes(2), writes(2), reads(1, int32)))
+@compiled(void(SOLIDS, reads(1), writes(3), writes(2), writes(2), reads(1, int32)))
 def stand(
     solids: Arrays, angles: Array, frames: Array, positions: Array, rotations: Array, geoms: Indices
 ) -> None:
     """Computes the poses of all collision shapes in the world at the joint angles `angles` (j,) [rad]. Writes
     the poses into the arrays of a MuJoCo model with n geoms: `positions` (n, 3) [m] and `rotations` (n, 9).
-    `geoms` (g,) are the indices of the shapes' geoms. `frames` (j, 12) receives the poses of the joints."""
-    joints, shapes, _, poses, _, _ = solids
-    place(joints, angles, frames)
+    `geoms` (g,) are the indices of the shapes' geoms. `frames` (j, 3, 4) receives the poses of the
+    joints."""
+    path, steps, sums, shapes, _, poses, _, _ = solids
+    take_steps(angles, path, steps, sums, frames)
     for g in range(len(geoms)):
         j, geom = int(shapes[g, 0]), geoms[g]
         for i in range(3):
@@ -316,12 +298,12 @@ def stand(
                     continue
                 value = 0.0
                 for m in range(3):
-                    value += frames[j, 3 + 3 * i + m] * poses[g, 3 + 3 * m + k]
+                    value += frames[j, i, m] * poses[g, 3 + 3 * m + k]
                 rotations[geom, 3 * i + k] = value
             if j < 0:
                 positions[geom, i] = poses[g, i]
                 continue
-            value = frames[j, i]
+            value = frames[j, i, 3]
             for m in range(3):
-                value += frames[j, 3 + 3 * i + m] * poses[g, m]
+                value += frames[j, i, m] * poses[g, m]
             positions[geom, i] = value

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tci.errors import TciError
 from tci.messages.frames import Array, read_only
 from tci.robot.clearance import Clearance
+from tci.robot.kinematics import turning
 from tci.skin.kernels.arrays import Indices
 from tci.support.engine import mujoco
 
@@ -27,9 +28,14 @@ class Solids:
     after the joints that carry it."""
     zero: Array
     """For each joint (j,): angle [rad] of its servo while the joint of the model is at zero."""
-    joints: Array
-    """One row for each joint (j, 7): index of its parent joint (-1: no parent joint), position (3 numbers)
-    [m] relative to the parent joint, and unit vector along its axis (3 numbers)."""
+    steps: NDArray[np.int64]
+    """Steps (j, 3) from joint to joint, as `KinematicChain.steps`: each joint is one step, after the step of
+    the joint that carries it. The kinematics of the robot itself do not fit here: joints that only follow a
+    servo stay at 0."""
+    sums: Array
+    """Matrices (j, 3, 3, 4) of the steps, as `KinematicChain.sums`."""
+    path: NDArray[np.int64]
+    """All steps (j, 2), as `KinematicChain.path` lists them."""
     shapes: Array
     """One row for each shape (g, 16). A shape is the convex hull of some points, extended on all sides by an
     ellipsoid: the vectors E u with |u| <= 1. The columns:
@@ -78,20 +84,25 @@ class Solids:
             first += len(own)
             shapes.append([joint, *span, *p, model.geom_rbound[geom], *(R @ E).ravel()])
             poses.append([*p, *R.ravel()])
-        joints = np.column_stack([above, anchors[:-1] - anchors[above], data.xaxis])
+        count, offsets = model.njnt, anchors[:-1] - anchors[above]
+        sums = np.zeros((count, 3, 3, 4))
+        sums[:, :, :, :3] = [turning(axis) for axis in data.xaxis]
+        sums[:, 0, :, 3] = offsets
         pairs = np.searchsorted(geoms, clearance.pairs).reshape(-1, 2)
         solids = np.array(shapes).reshape(-1, 16)
         cloud = np.concatenate([np.zeros((0, 3)), *points])
         return Solids(
             servos=np.array([servo_of[joint] for joint in range(model.njnt)], dtype=np.intp),
             zero=read_only(model.qpos0[model.jnt_qposadr]),
-            joints=read_only(joints),
+            steps=read_only(np.column_stack([above, np.arange(count), np.zeros(count)]), np.int64),
+            sums=read_only(sums),
+            path=read_only(np.column_stack([np.arange(count), np.zeros(count)]), np.int64),
             shapes=read_only(solids),
             points=read_only(cloud),
             poses=read_only(np.array(poses).reshape(-1, 12)),
             geoms=read_only(geoms, np.int32),
             pairs=read_only(pairs, np.int32),
-            levers=read_only(_levers(joints, solids, cloud, pairs)),
+            levers=read_only(_levers(above, offsets, data.xaxis, solids, cloud, pairs)),
         )
 
 
@@ -145,10 +156,21 @@ def _hull(model: mujoco.MjModel, mesh: int) -> Array:
     return hull
 
 
-def _levers(joints: Array, shapes: Array, points: Array, pairs: NDArray[np.intp]) -> Array:
+def _levers(
+    above: list[int], offsets: Array, axes: Array, shapes: Array, points: Array, pairs: NDArray[np.intp]
+) -> Array:
     """Returns an upper bound (j, p) on the change of the distance between the two shapes of each pair, per
-    radian by which each joint turns [m/rad]. The value is 0 if a joint carries both shapes or neither."""
-    reach = np.zeros((len(joints), len(shapes)))
+    radian by which each joint turns [m/rad]. The value is 0 if a joint carries both shapes or neither.
+
+    Args:
+        above: Index (j,) of the joint that carries each joint; -1 for none.
+        offsets: Position (j, 3) [m] of each joint relative to that joint.
+        axes: Unit vector (j, 3) along the axis of each joint.
+        shapes: `Solids.shapes`.
+        points: `Solids.points`.
+        pairs: `Solids.pairs`.
+    """
+    reach = np.zeros((len(above), len(shapes)))
     carried = np.zeros(reach.shape, dtype=bool)
     for index, shape in enumerate(shapes):
         joint, first, last = (int(number) for number in shape[:3])
@@ -156,12 +178,12 @@ def _levers(joints: Array, shapes: Array, points: Array, pairs: NDArray[np.intp]
         round_about = float(np.linalg.norm(shape[7:].reshape(3, 3), 2))
         inner = 0.0
         while joint >= 0:
-            across = np.linalg.norm(np.cross(joints[joint, 4:], mine), axis=1).max()
+            across = np.linalg.norm(np.cross(axes[joint], mine), axis=1).max()
             reach[joint, index] = across + inner + round_about
             carried[joint, index] = True
             inner += float(np.linalg.norm(mine, axis=1).max())
-            mine = joints[joint, 1:4][None, :]
-            joint = int(joints[joint, 0])
+            mine = offsets[joint][None, :]
+            joint = above[joint]
     first, second = pairs.T
     # A joint that carries both shapes of a pair does not change the distance of the pair.
     moves = carried[:, first] != carried[:, second]

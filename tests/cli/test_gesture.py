@@ -14,15 +14,14 @@ import pytest
 from typer.testing import CliRunner
 
 from tci.cli.main import app, main
-from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, DriverError
 from tci.gestures.files import read_csv
 from tci.messages import Reading
 from tci.robot.description import Robot
-from tci.simulation.world import World
+from tci.testing import FakeDriver
 
 
-class Breaking(SimulatedDriver):
+class Breaking(FakeDriver):
     """A robot whose angles are invalid for some time, and whose connection ends at `END` [s]."""
 
     END = 0.5
@@ -40,7 +39,7 @@ class Breaking(SimulatedDriver):
 @pytest.fixture
 def breaking(monkeypatch: pytest.MonkeyPatch) -> type[Breaking]:
     def connect(robot: Robot, via: str, **options: Any) -> Breaking:
-        return Breaking(robot, world=World(robot, skin=False))
+        return Breaking(robot)
 
     monkeypatch.setattr("tci.drivers.registry.connect", connect)
     return Breaking

@@ -13,7 +13,6 @@ from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DriverError
-from tci.gate.gate import SafeCommand
 from tci.lab.commissioning.doctor import judge
 from tci.lab.commissioning.machine import _delays, examine_machine
 from tci.lab.commissioning.streams import observe
@@ -22,6 +21,7 @@ from tci.messages.frames import read_only
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.simulation.world import World
+from tci.testing import FakeDriver
 
 
 class Spoilt(SimulatedDriver):
@@ -146,29 +146,26 @@ def test_a_skin_of_another_length_polarity_or_range(world: World) -> None:
     assert "0 .. 255" in wide["left_forearm", Level.FAULT].what
 
 
-def test_what_the_driver_itself_knows_comes_first(world: World) -> None:
-    class Knowing(SimulatedDriver):
+def test_what_the_driver_itself_knows_comes_first() -> None:
+    class Knowing(FakeDriver):
         def diagnose(self) -> tuple[Finding, ...]:
             return (Finding(Level.NOTE, "dialect", "4.0"),)
 
-    world.reset()
-    driver = Knowing(world.robot, world=world)
+    driver = Knowing("nao")
     assert judge(driver, observe(driver, 0.1))[0].subject == "dialect"
 
 
-def test_observing_commands_nothing_and_a_lost_robot_is_an_error(world: World) -> None:
-    class Deaf(SimulatedDriver):
-        def _send(self, safe: SafeCommand) -> None:
-            raise AssertionError("the doctor moved the robot")
-
-        def _receive(self) -> Reading:
-            if self.world.time > 0.5:
+def test_observing_commands_nothing_and_a_lost_robot_is_an_error() -> None:
+    class Leaving(FakeDriver):
+        def joints(self) -> JointReading:
+            if self.clock.now() > 0.5:
                 raise DriverError("gone")
-            return super()._receive()
+            return super().joints()
 
-    world.reset()
+    driver = Leaving("nao")
     with pytest.raises(DriverError, match="gone"):
-        observe(Deaf(world.robot, world=world), 1.0)
+        observe(driver, 1.0)
+    assert not driver.sent
 
 
 def test_this_machine_names_drivers_robots_and_its_clock() -> None:

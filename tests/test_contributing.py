@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import tci
-from helpers import ROOT
+from helpers import HELPERS, ROOT
 from tci.errors import DriverError
 from tci.robot.xml import read_robot
 
@@ -34,3 +34,19 @@ def test_the_smallest_robot_looks_left_over_the_smallest_wire(tmp_path: Path) ->
         assert driver.angle[0] == pytest.approx(0.5, abs=0.01)
     with names["LampDriver"](robot) as driver, pytest.raises(DriverError, match="arm=True"):
         driver.write(driver.gate.step([], driver.read().joints, driver.clock.now()))
+
+
+def test_the_page_of_helpers_lists_each_of_them() -> None:
+    listed = set(re.findall(r"`(\w+)`", (HELPERS / "README.md").read_text()))
+    assert {path.stem for path in HELPERS.glob("*.py")} - {"__init__"} - listed == set()
+
+
+def test_tools_and_helpers_import_no_test() -> None:
+    """What two tests need is a helper. A helper that imported a test would run its module twice."""
+    found = [
+        f"{path.relative_to(ROOT)}: {line}"
+        for folder in (HELPERS, ROOT / "tools")
+        for path in sorted(folder.rglob("*.py"))
+        for line in re.findall(r"^\s*(?:from|import) .*\btest_\w+.*$", path.read_text(), re.MULTILINE)
+    ]
+    assert not found

@@ -31,7 +31,7 @@ def see(
     body = body_that(
         "nao-whole",
         retreat=away,
-        distance=lambda contact, landmark: distance if landmark == at else np.inf,
+        distances=lambda contact, landmarks: [distance if one == at else np.inf for one in landmarks],
         support=lambda perception, leg, target: Support({}, -np.inf),
         has_joint=lambda part: (joints or {}).get(part, np.ones(len(POSTURE[part]), bool)),
     )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.body.kernels.coverage import count_taxels
+from tci.body.kernels.coverage import PLACE, count_taxels
 from tci.body.landmarks import Landmarks
 from tci.messages import JointReading, Landmark, LimbPlace
 from tci.messages.frames import Array, read_only
@@ -35,10 +35,7 @@ class _Limb:
 
 
 class Coverage:
-    """Counts the taxels of one robot around places of its skin.
-
-    The object contains caches, which save time and never change a result.
-    """
+    """Counts the taxels of one robot around places of its skin."""
 
     def __init__(self, skin: Skin, landmarks: Landmarks) -> None:
         self._skin, self._landmarks = skin, landmarks
@@ -86,13 +83,18 @@ class Coverage:
         numbers (2, m) of all taxels (row 0) and of masked taxels (row 1)."""
         limb, counts = self._limbs[part], np.zeros((2, len(places)))
         if limb is not None:
-            u, theta = np.array([(place.u, place.theta) for place in places]).T
-            segment = [SEGMENTS.index(p.segment) if p.segment in SEGMENTS else -1 for p in places]
-            table = np.vstack([segment, generic_limb_point(u, theta).T, radius])
+            rows = [
+                (
+                    SEGMENTS.index(place.segment) if place.segment in SEGMENTS else -1,
+                    *generic_limb_point(place.u, place.theta),
+                    within,
+                )
+                for place, within in zip(places, radius.tolist(), strict=True)
+            ]
             count_taxels(
                 self._skin.kinematics.pose_array(joints.position, limb.links), limb.on, limb.numbers,
                 joint_map(self._skin.robot, part).to_generic(joints.position), limb.positions, limb.begins,
-                masked[limb.taxels], np.ascontiguousarray(table, np.float64), counts,
+                masked[limb.taxels], np.array(rows, PLACE), counts,
             )  # fmt: skip
         return counts
 

@@ -240,11 +240,13 @@ class GenericBody:
         return self._retreat.at_ends(position, perception.contacts, part, goals)
 
     def distance(self, contact: Contact, landmark: Landmark) -> float:
-        """Returns the geodesic distance [m] along the skin between a contact and a landmark of its part.
+        """Geodesic distance [m] along the skin between a contact and a landmark of its part; infinite if they
+        are on different patches."""
+        return self.distances(contact, [landmark])[0]
 
-        The distance is infinite if contact and landmark are on different patches.
-        """
-        return self._landmarks.distance(contact, landmark)
+    def distances(self, contact: Contact, landmarks: Sequence[Landmark]) -> list[float]:
+        """`distance` to several landmarks, in less time."""
+        return self._landmarks.distances(contact, landmarks)
 
     def coverage(
         self, perception: Perception, part: str, places: Sequence[LimbPlace | Landmark], radius: ArrayLike

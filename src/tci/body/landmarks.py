@@ -7,6 +7,7 @@ distance. The geodesic distance is the length of the shortest path over the skin
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,13 +48,12 @@ class _Reach:
 
 
 class Landmarks:
-    """Finds landmarks on one robot's skin, and caches their distance maps."""
+    """Landmarks on one robot's skin. Their maps of distances are made when they are first needed."""
 
     def __init__(self, skin: Skin) -> None:
         self._skin = skin
         self._found: dict[tuple[str, Landmark], _Reach | None] = {}
         self._edges: dict[str, NDArray[np.intp]] = {}
-        self._latest: tuple[Contact, tuple[NDArray[np.intp], Array]] | None = None
 
     def place(self, part: str, landmark: Landmark) -> Place:
         """Returns the point of a landmark on a part's skin.
@@ -73,22 +73,25 @@ class Landmarks:
         reach = self._reach(part, landmark)
         return None if reach is None else (reach.place.patch, reach.distances < radius)
 
-    def distance(self, contact: Contact, landmark: Landmark) -> float:
-        """Returns the geodesic distance [m] of a contact from a landmark of its part.
-
-        The distance is infinite if contact and landmark are on different patches.
-        """
-        reach = self._reach(contact.part, landmark)
-        if reach is None or reach.place.patch != contact.patch:
-            return np.inf
-        place, point, normal = reach.place, contact.p_L, contact.n_L
-        if _is_near(place.p_L, place.n_L, point, normal):
-            return float(_lengths(place.p_L, place.n_L, point, normal))
-        # All receptive fields request their distances from one contact before those from the next contact.
-        if self._latest is None or self._latest[0] is not contact:
-            self._latest = contact, _around(self._skin.surfaces[contact.patch], point, normal)
-        around, lengths = self._latest[1]
-        return float((reach.distances[around] + lengths).min())
+    def distances(self, contact: Contact, landmarks: Sequence[Landmark]) -> list[float]:
+        """Geodesic distance [m] of a contact from each of several landmarks of its part; infinite if contact
+        and landmark are on different patches."""
+        point, normal, around = contact.p_L, contact.n_L, None
+        found = []
+        for landmark in landmarks:
+            reach = self._reach(contact.part, landmark)
+            if reach is None or reach.place.patch != contact.patch:
+                found.append(np.inf)
+                continue
+            place = reach.place
+            if _is_near(place.p_L, place.n_L, point, normal):
+                found.append(float(_lengths(place.p_L, place.n_L, point, normal)))
+                continue
+            if around is None:
+                around = _around(self._skin.surfaces[contact.patch], point, normal)
+            taxels, lengths = around
+            found.append(float((reach.distances[taxels] + lengths).min()))
+        return found
 
     def _reach(self, part: str, landmark: Landmark) -> _Reach | None:
         if (part, landmark) not in self._found:

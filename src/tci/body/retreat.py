@@ -8,16 +8,15 @@ acceleration. Displacements are relative to the robot's root, since the torso ma
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tci.body.kernels.goals import Within, keep_within
 from tci.body.kernels.rest_to_rest import TIMES, Speeds, predict
-from tci.body.kernels.retreat import Chain, Room, Touched, retreats
+from tci.body.kernels.retreat import Chain, Room, retreats
 from tci.errors import CommandError, UnknownNameError
-from tci.gate.bounds import Bounds, bounds_of
-from tci.gate.kernels.couplings import shift
+from tci.gate.bounds import bounds_of
 from tci.messages import Contacts, Mode
 from tci.messages.frames import Array, frozen, read_only
 from tci.robot.description import Robot
@@ -115,11 +114,8 @@ class Retreat:
             retreats(
                 self._chain.extended(way),
                 self._links,
-                Touched(
-                    read_only(after, np.int64),
-                    read_only(contacts.p_L),
-                    read_only(contacts.n_L),
-                ),
+                read_only(after, np.int64),
+                contacts.rows,
                 self._layout,
                 radius,
                 Room(
@@ -143,22 +139,15 @@ class _Part:
     """What the motion of one generic part with k servos depends on."""
 
     joints: JointMap
-    bounds: Bounds
-    outside: Array
-    """Coefficients (m, n_servos) of the servos of other parts in the m couplings that limit this part."""
-    free: NDArray[np.bool_]
-    """Mask (k,) of the servos that a coupling may turn aside: here all."""
+    within: Within
+    most: Speeds
+    steady: bool
+    """True if the speeds that the joints permit are the same in all postures, and included in `most`."""
 
     def goal(self, target: Array, position: Array) -> Array:
         """Servo angles (k,) [rad] for generic angles `target` (n,) [rad], within limits and couplings."""
-        bounds, wanted = self.bounds, self.joints.to_robot(target, position)
-        goal: Array = np.minimum(np.maximum(wanted, bounds.lower), bounds.upper)
-        if len(self.outside):
-            lower, upper = np.empty_like(bounds.coupling_lower), np.empty_like(bounds.coupling_upper)
-            shift(self.outside, position, bounds.coupling_lower, bounds.coupling_upper, lower, upper)
-            sums = bounds.coupling @ goal
-            if not ((sums >= lower) & (sums <= upper)).all():
-                goal = replace(bounds, coupling_lower=lower, coupling_upper=upper).nearest(goal, self.free)
+        goal = self.joints.to_robot(target, position)
+        keep_within(position, self.within, goal, np.empty((2, len(self.within.outside))))
         return goal
 
     def driven_goal(self, target: Array, position: Array) -> Array | None:
@@ -167,29 +156,45 @@ class _Part:
 
         Near a singular posture of a shoulder, these angles differ much from the angles for `target`.
         """
-        joints, bounds = self.joints, self.bounds
+        joints, within = self.joints, self.within
         try:
             moved = joints.per_servo((target - joints.to_generic(position))[joints.ids], position)
         except (CommandError, np.linalg.LinAlgError):
             return None
-        most = AHEAD * np.minimum(bounds.velocity, joints.driven_speeds(position))
+        most = AHEAD * np.minimum(self.most.velocity, joints.driven_speeds(position))
         moved /= max(1.0, float(np.max(np.abs(moved) / most, initial=0.0)))
-        ends: Array = np.clip(position[joints.servos] + moved, bounds.lower, bounds.upper)
+        ends: Array = np.clip(position[joints.servos] + moved, within.lower, within.upper)
         return ends
 
     def speeds(self, position: Array) -> Speeds:
         """Limits of the servos while they are at `position` (n_servos,) [rad]."""
-        fastest = np.minimum(self.bounds.velocity, self.joints.speeds(position))
-        return Speeds(frozen(fastest), self.bounds.acceleration, self.bounds.jerk)
+        if self.steady:
+            return self.most
+        return self.most._replace(
+            velocity=frozen(np.minimum(self.most.velocity, self.joints.speeds(position)))
+        )
 
 
 def _part(robot: Robot, name: str) -> _Part:
     joints = joint_map(robot, name)
     bounds, outside = bounds_of(robot, joints.servos.tolist(), speed_share=1.0)
-    unlimited = {"lower": -np.inf, "upper": np.inf, "velocity": UNKNOWN, "acceleration": UNKNOWN,
-                 "jerk": UNKNOWN}  # fmt: skip
-    known = {
-        name: frozen(np.where(np.isnan(limit := getattr(bounds, name)), most, limit))
-        for name, most in unlimited.items()
-    }
-    return _Part(joints, replace(bounds, **known), outside, np.ones(len(joints.servos), np.bool_))
+    within = Within(
+        _known(bounds.lower, -np.inf),
+        _known(bounds.upper, np.inf),
+        read_only(np.ascontiguousarray(bounds.coupling)),
+        read_only(bounds.coupling_lower),
+        read_only(bounds.coupling_upper),
+        read_only(np.ascontiguousarray(outside)),
+        read_only(np.ones(len(joints.servos)), np.bool_),
+    )
+    limits = bounds.velocity, bounds.acceleration, bounds.jerk
+    most = Speeds(*[_known(limit, UNKNOWN) for limit in limits])
+    steady = all(transform.steady for transform in joints.transforms)
+    if steady:
+        fastest = np.minimum(most.velocity, joints.speeds(np.zeros(len(robot.servos))))
+        most = most._replace(velocity=frozen(fastest))
+    return _Part(joints, within, most, steady)
+
+
+def _known(limits: Array, unknown: float) -> Array:
+    return frozen(np.where(np.isnan(limits), unknown, limits))

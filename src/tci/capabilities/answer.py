@@ -3,7 +3,7 @@ contacts in one compiled loop."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tci.capabilities import discounts
 from tci.capabilities.fields import ReceptiveField
-from tci.messages import Contacts
+from tci.messages import Site
 from tci.messages.contacts import CONTACT, TAXEL
 from tci.messages.frames import Array, read_only
 from tci.robot.generic_arm import SEGMENTS
@@ -54,10 +54,9 @@ def field_table(fields: Sequence[ReceptiveField]) -> NDArray[np.void]:
     return read_only(rows, FIELD)
 
 
-def segments_of(contacts: Contacts) -> NDArray[np.int64]:
-    """Number (c,) in SEGMENTS of each contact's segment; -1 for none."""
-    sites = contacts.sites
-    return read_only([_NUMBERS.get(sites[site].segment, -1) for site in contacts.site.tolist()], np.int64)
+def segments_of(sites: Iterable[Site]) -> NDArray[np.int64]:
+    """Number (c,) in SEGMENTS of the segment of each of c sites; -1 for none."""
+    return np.array([_NUMBERS.get(site.segment, -1) for site in sites], np.int64)
 
 
 @inlined

@@ -125,25 +125,19 @@ class BodyWithdrawal(Capability[BodyMemory]):
         return [one for one in own if len(one.motion) == len(has) and np.any(one.motion * has)]
 
     def _wishes(self, perception: Perception, body: GenericBody) -> dict[str, list[Wish[BodyField]]]:
-        """Returns the requested responses (wishes) by part. Each contact requests the response of the field
-        that contains it, with a gain; if several fields contain it, the field with the nearest centre is
-        used.
-        """
+        """The responses that the contacts ask for, by part: that of the field with the nearest centre that
+        contains the contact (eqs 5-6)."""
         wishes: dict[str, list[Wish[BodyField]]] = {}
+        force = self.fields.force
         for index, touch in enumerate(perception.contacts):
             if touch.part not in perception.posture:
                 continue
-            closest: tuple[float, BodyField] | None = None
-            for candidate in self._own(touch.part, body):
-                if candidate.segment != touch.segment:
-                    continue
-                distance = body.distance(touch, candidate.landmark)
-                if distance < candidate.radius_m and (closest is None or distance < closest[0]):
-                    closest = distance, candidate
-            if closest is None:
+            fields = [one for one in self._own(touch.part, body) if one.segment == touch.segment]
+            apart = body.distances(touch, [one.landmark for one in fields])
+            inside = [pair for pair in zip(apart, fields, strict=True) if pair[0] < pair[1].radius_m]
+            if not inside:
                 continue
-            distance, found = closest
-            force = self.fields.force
+            distance, found = min(inside, key=lambda pair: pair[0])
             gain = phi(touch.force, force.threshold_n, force.saturation_n) * psi(distance, found.radius_m)
             if gain > 0.0:
                 wishes.setdefault(touch.part, []).append(Wish(found, gain, index))

@@ -7,7 +7,7 @@ joint velocities are proportional to these torques (admittance control, Hogan 19
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,51 +99,52 @@ class SoftReaction(Capability[Postures]):
                 raise TciError(
                     f"soft reaction: the robot has no part {part!r}; valid: {', '.join(perception.posture)}"
                 )
-            angles = perception.posture[part]
-            torque = np.zeros(angles.size)
-            answers = [
+            touches = [
                 index
                 for index, touch in enumerate(perception.contacts)
                 if touch.part == part and touch.force >= self.threshold
             ]
-            touches = [perception.contacts[index] for index in answers]
+            angles, now = perception.posture[part], perception.stamp
             if not np.any(body.has_joint(part)):
-                postures[part] = Posture(perception.stamp, angles, angles, NO_JOINT if touches else "")
+                postures[part] = Posture(now, angles, angles, NO_JOINT if touches else "")
                 continue
-            for touch in touches:
-                torque += body.jacobian(perception, touch).T @ touch.f_T
-            velocity = self.mobility * torque
-            target = angles + AHEAD * velocity
-            # A motion along the skin is refused, since the part would not yield. Limits of joints can turn a
-            # motion into this direction. The least distance is 0, since a light touch moves a part less far
-            # than a withdrawal.
-            reason = (
-                why_not(
-                    perception,
-                    body,
-                    part,
-                    target,
-                    mode=Mode.of(self.mode),
-                    answers=answers,
-                    least=0.0,
-                    driven=self.mode is Mode.VELOCITY,
-                )
-                if velocity.any()
-                else ""
-            )
-            if reason:
-                torque, velocity = np.zeros(angles.size), np.zeros(angles.size)
-            before = memory.get(part, Posture(perception.stamp, angles, angles))
+            torque, refused = self._torque(part, touches, perception, body)
+            before = memory.get(part, Posture(now, angles, angles))
             home = angles if touches else before.home
             if self.mode is Mode.VELOCITY:
-                values = velocity
+                values = self.mobility * torque
             else:
-                elapsed = perception.stamp - before.stamp
+                elapsed = now - before.stamp
                 speed = (angles - before.angles) / elapsed if elapsed > 0.0 else np.zeros(angles.size)
                 values = self.gain * torque + self.stiffness * (home - angles) - self.damping * speed
             commands.append(GenericCommand(part, self.mode, read_only(values)))
-            postures[part] = Posture(perception.stamp, angles, home, reason, bool(touches))
+            postures[part] = Posture(now, angles, home, refused, bool(touches))
         return tuple(commands), postures
+
+    def _torque(
+        self, part: str, touches: Sequence[int], perception: Perception, body: GenericBody
+    ) -> tuple[Array, str]:
+        """Torques (n,) [N m] of `touches`, indices of contacts on `part` (Khatib 1987). If the part must not
+        yield, they are 0, and the text says why."""
+        torque = np.zeros(perception.posture[part].size)
+        for touch in [perception.contacts[index] for index in touches]:
+            torque += body.jacobian(perception, touch).T @ touch.f_T
+        if not (self.mobility * torque).any():
+            return torque, ""
+        # A motion along the skin is refused, since the part would not yield. Limits of joints can turn a
+        # motion into this direction. The least distance is 0, since a light touch moves a part less far than
+        # a withdrawal.
+        refused = why_not(
+            perception,
+            body,
+            part,
+            perception.posture[part] + AHEAD * (self.mobility * torque),
+            mode=Mode.of(self.mode),
+            answers=touches,
+            least=0.0,
+            driven=self.mode is Mode.VELOCITY,
+        )
+        return (np.zeros(torque.size) if refused else torque), refused
 
     def claims(self, memory: Postures) -> frozenset[str]:
         """The parts that yield to a touch."""

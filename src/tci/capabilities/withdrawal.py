@@ -152,6 +152,29 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         }
         return tuple(GenericCommand(p, Mode.VELOCITY, read_only(v)) for p, v in velocities.items()), after
 
+    def _wishes(self, memory: WithdrawalMemory, contacts: Contacts) -> dict[str, list[Wish[ReceptiveField]]]:
+        """The responses that the contacts ask for, by part, those with a lower rank first (eqs 5-7).
+
+        Wide fields respond only on arms at rest, and on arms that a wide field moves.
+        """
+        surround = self.surround or ()
+        nearest, gains = np.empty((RANKS, len(contacts)), np.int64), np.empty((RANKS, len(contacts)))
+        cosine = self.distance_discount == "cosine"
+        sites = [contacts.sites[site] for site in contacts.site.tolist()]
+        table = segments_of(sites), contacts.rows, contacts.begin, contacts.taxel_rows
+        find_answers(*self._tables, cosine, *table, nearest, gains)
+        wide = [one.name for one in surround] if memory.motions else ()
+        narrow = [part for part, one in memory.motions.items() if one.field.name not in wide]
+        wishes: dict[str, list[Wish[ReceptiveField]]] = {}
+        for rank, (own, found) in enumerate(zip(nearest.tolist(), gains.tolist(), strict=True)):
+            fields = surround if rank else self.fields
+            for contact, gain in enumerate(found):
+                part = sites[contact].part
+                if gain > 0.0 and not (rank and part in narrow):
+                    wish = Wish(fields[own[contact]], gain, contact, rank)
+                    wishes.setdefault(part, []).append(wish)
+        return wishes
+
     def claims(self, memory: WithdrawalMemory) -> frozenset[str]:
         """The arms that withdraw, until `refractory` after their last touch."""
         return frozenset(memory)
@@ -188,26 +211,3 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
             for wish in reversed(own):
                 found[wish.contact] = Answer(wish.field, wish.gain)
         return found
-
-    def _wishes(self, memory: WithdrawalMemory, contacts: Contacts) -> dict[str, list[Wish[ReceptiveField]]]:
-        """The responses that the contacts ask for, by part, those with a lower rank first (eqs 5-7).
-
-        Wide fields respond only on arms at rest, and on arms that a wide field moves.
-        """
-        surround = self.surround or ()
-        nearest, gains = np.empty((RANKS, len(contacts)), np.int64), np.empty((RANKS, len(contacts)))
-        cosine = self.distance_discount == "cosine"
-        table = segments_of(contacts), contacts.rows, contacts.begin, contacts.taxel_rows
-        find_answers(*self._tables, cosine, *table, nearest, gains)
-        wide = [one.name for one in surround]
-        narrow = [part for part, one in memory.motions.items() if one.field.name not in wide]
-        parts = [contacts.sites[site].part for site in contacts.site.tolist()]
-        wishes: dict[str, list[Wish[ReceptiveField]]] = {}
-        for rank, (own, found) in enumerate(zip(nearest.tolist(), gains.tolist(), strict=True)):
-            fields = surround if rank else self.fields
-            for contact, gain in enumerate(found):
-                part = parts[contact]
-                if gain > 0.0 and not (rank and part in narrow):
-                    wish = Wish(fields[own[contact]], gain, contact, rank)
-                    wishes.setdefault(part, []).append(wish)
-        return wishes

@@ -53,7 +53,7 @@ def withdraw_all(
     """
     if not memory.motions and not wishes:
         return memory
-    now, motions, refused = perception.stamp, dict[str, Withdrawal[F]](), dict(memory.refused)
+    now, motions, refused = perception.stamp, {}, dict(memory.refused)
     met = frozenset(perception.contacts.identity.tolist())
     for part in perception.posture:
         before, own = memory.motions.get(part), wishes.get(part, ())

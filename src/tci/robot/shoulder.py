@@ -9,8 +9,8 @@ along the axis of elbow flexion.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property, lru_cache
-from math import atan2, cos, dist, pi, remainder, sin, sqrt
+from functools import lru_cache
+from math import atan2
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from tci.errors import DescriptionError, Fault
 from tci.messages.frames import Array, read_only
 from tci.robot.description import GenericPart, Robot
 from tci.robot.generic_arm import SIDEWAYS, shoulder_angles, side_sign, upper_arm_rotation
+from tci.robot.kernels.shoulder import ShoulderArrays, solve, solve_near
 from tci.robot.kinematics import KinematicChain
 
 SLANT = 0.05
@@ -89,8 +90,14 @@ class Shoulder:
         z, y = -along, -(flexion_axis - (flexion_axis @ along) * along)
         y /= np.linalg.norm(y)
         self._at_zero = np.column_stack([np.cross(y, z), y, z])
-        self._limits = [self.lower.tolist(), self.upper.tolist()]
-        self._middle = ((self.lower + self.upper) / 2.0).tolist()
+        self._crosses = np.stack([cross_matrix(axis) for axis in self.axes])
+        self._squares = self._crosses @ self._crosses
+        first, second, third = self.axes
+        aside = np.cross(third, second)
+        arrays = self.axes, aside, np.cross(first, second), self._at_zero.T @ third, self._at_zero.T @ aside
+        self._arrays = ShoulderArrays(
+            *[read_only(np.ascontiguousarray(one)) for one in (*arrays, self.lower, self.upper)]
+        )
 
     def rotation(self, angles: Array) -> Array:
         """Returns `R_TU` (3, 3), the rotation of the upper arm, at servo `angles` (3,) [rad]. The rotation is
@@ -103,70 +110,27 @@ class Shoulder:
         """Returns three rotations (3, 3, 3): for each of the three servos, the rotation by its angle in
         `angles` (3,) [rad] about its axis at zero."""
         sine, versine = np.sin(angles)[:, None, None], (1.0 - np.cos(angles))[:, None, None]
-        crosses, squares = self._crosses
-        turns: Array = ONE + sine * crosses + versine * squares
+        turns: Array = ONE + sine * self._crosses + versine * self._squares
         return turns
-
-    @cached_property
-    def _crosses(self) -> tuple[Array, Array]:
-        """Constants for `_turns`: the matrices (3, 3, 3) of the cross products with the three axes, and the
-        squares (3, 3, 3) of these matrices."""
-        crosses = np.stack([cross_matrix(axis) for axis in self.axes])
-        return crosses, crosses @ crosses
 
     def solutions(self, R_TU: Array) -> list[Array]:
         """Returns the servo angles (3,) [rad] at which the upper arm has the rotation `R_TU`. There are at
         most two solutions. Each angle is within half a turn of the middle of its limits.
 
         Limits are not checked. If the axes are not at right angles, some rotations can't be reached: the
-        result is then the nearest rotation that the first two joints allow. The method is the second
-        subproblem of Paden and Kahan (Murray, Li and Sastry 1994, 3.3).
+        result is then the nearest rotation that the first two joints allow.
         """
-        return [np.array(angles) for angles in self._solve(R_TU)]
+        found = np.empty((2, 3))
+        return [*found[: solve(np.ascontiguousarray(R_TU), self._arrays, found)]]
 
     def best(self, R_TU: Array, near: Array) -> Array:
         """Returns the solution (3,) [rad] that violates the limits least. If several solutions violate the
         limits equally, returns the solution nearest to `near` (3,) [rad]."""
-        here, (lower, upper) = near.tolist(), self._limits
-
-        def cost(angles: Vector) -> tuple[float, float]:
-            outside = max(max(lower[i] - angles[i], angles[i] - upper[i]) for i in range(3))
-            return round(max(outside, 0.0), 6), dist(angles, here)
-
-        return np.array(min(self._solve(R_TU), key=cost))
-
-    @cached_property
-    def _seen(self) -> tuple[Array, list[Vector]]:
-        """Constant vectors for `_solve`, made of the shoulder's axes a1, a2 and a3 with all servos at zero.
-
-        The first result (3, 2) has the columns a3 and a3 x a2 in the frame of the upper arm. The second
-        result is a list of five vectors in the torso frame: a1, a2, a3, a3 x a2 and a1 x a2.
-        """
-        first, second, third = self.axes
-        vectors = first, second, third, np.cross(third, second), np.cross(first, second)
-        return self._at_zero.T @ np.column_stack(vectors[2:4]), [vector.tolist() for vector in vectors]
-
-    def _solve(self, R_TU: Array) -> list[Vector]:
-        """Returns the servo angles at which the upper arm has the rotation `R_TU` (3, 3): one or two
-        solutions, each a list of three angles [rad]. Limits are not checked."""
-        seen, (first, second, third, aside, across) = self._seen
-        end, end_aside = (R_TU @ seen).T.tolist()
-        along_first, along_second = _dot(first, end), _dot(second, third)
-        between = _dot(first, second)
-        square = 1.0 - between * between
-        alpha = (along_first - between * along_second) / square
-        beta = (along_second - between * along_first) / square
-        rest = (1.0 - alpha * alpha - beta * beta - 2.0 * alpha * beta * between) / square
-        gamma = sqrt(max(rest, 0.0))
-        found: list[Vector] = []
-        for side in (gamma, -gamma) if rest > 0.0 else (0.0,):
-            middle = [alpha * first[i] + beta * second[i] + side * across[i] for i in range(3)]
-            q1, q2 = angle_about(first, middle, end), angle_about(second, third, middle)
-            left = _turned(second, -q2, _turned(first, -q1, end_aside))
-            angles = q1, q2, angle_about(third, aside, left)
-            around = zip(self._middle, angles, strict=True)
-            found.append([centre + remainder(angle - centre, 2.0 * pi) for centre, angle in around])
-        return found
+        best = np.empty(3)
+        solve_near(
+            np.ascontiguousarray(R_TU), np.ascontiguousarray(near), self._arrays, np.empty((2, 3)), best
+        )
+        return best
 
     def spin(self, angles: Array) -> Array:
         """Returns the axes (3, 3) of the joints at servo `angles` (3,) [rad], in the torso frame, one axis
@@ -178,7 +142,7 @@ class Shoulder:
     def spins(self, angles: Array, R_TM: Array) -> tuple[Array, Array]:
         """Returns the axes of the generic joints (p, 3, 3) and of the servos (p, 3, 3) at p postures of the
         servos, `angles` (p, 3) [rad]: as `generic_spin` and `spin`, for many postures at once."""
-        crosses, squares = self._crosses
+        crosses, squares = self._crosses, self._squares
         turned = angles[:, :, None, None]
         turns = ONE + np.sin(turned) * crosses + (1.0 - np.cos(turned)) * squares
         first, both = turns[:, 0], turns[:, 0] @ turns[:, 1]
@@ -250,19 +214,6 @@ def angle_about(axis: Vector, start: Vector, end: Vector) -> float:
     are first projected onto the plane perpendicular to the axis."""
     level = _dot(start, end) - _dot(axis, start) * _dot(axis, end)
     return atan2(_dot(axis, _cross(start, end)), level)
-
-
-def _turned(axis: Vector, angle: float, vector: Vector) -> Vector:
-    """Returns `vector` (3,) rotated by `angle` [rad] about the unit vector `axis` (3,) (Rodrigues'
-    formula)."""
-    c, s = cos(angle), sin(angle)
-    along = _dot(axis, vector) * (1.0 - c)
-    x, y, z = _cross(axis, vector)
-    return (
-        c * vector[0] + s * x + along * axis[0],
-        c * vector[1] + s * y + along * axis[1],
-        c * vector[2] + s * z + along * axis[2],
-    )
 
 
 def _dot(a: Vector, b: Vector) -> float:

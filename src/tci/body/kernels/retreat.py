@@ -6,9 +6,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import float64, int64, void
+from numba import float64, from_dtype, int64, void
 from numpy.typing import NDArray
 
+from tci.messages.contacts import CONTACT
 from tci.messages.frames import Array
 from tci.robot.kernels.limb import Vector
 from tci.robot.kernels.links import take_steps
@@ -36,19 +37,6 @@ class Chain(NamedTuple):
     the patch's link."""
 
 
-class Touched(NamedTuple):
-    """Points of the skin that are touched."""
-
-    after: NDArray[np.int64]
-    """For each of c touched points, the index (c,) of the kinematic step, from one joint to the next, that
-    ends at the point's link.
-    """
-    points: Array
-    """Touched points (c, 3) [m], each in the frame of its link."""
-    normals: Array
-    """Outward normals (c, 3), each in the frame of its point's link."""
-
-
 class Room(NamedTuple):
     """Arrays for intermediate results of `retreats`."""
 
@@ -68,34 +56,45 @@ class Room(NamedTuple):
 
 
 CHAIN = record(Chain, reads(2, int64), reads(2, int64), reads(4), reads(1, int64))
-TOUCHED = record(Touched, reads(1, int64), reads(2), reads(2))
 ROOM = record(Room, writes(3), writes(3), writes(3), writes(2))
 
 
-@compiled(void(reads(2), CHAIN, TOUCHED, LAYOUT, float64, ROOM, writes(3)))
+@compiled(
+    void(
+        reads(2), CHAIN, reads(1, int64), reads(1, from_dtype(CONTACT)), LAYOUT, float64, ROOM, writes(3)
+    )
+)  # fmt: skip
 def retreats(
     way: Array,
     chain: Chain,
-    touched: Touched,
+    after: NDArray[np.int64],
+    contacts: NDArray[np.void],
     layout: LayoutArrays,
     radius: float,
     room: Room,
     out: Array,
 ) -> None:
-    """Predicts how c touched points move away from the touching objects in k successive postures. Each object
-    is assumed to be a sphere of `radius` [m] that touches its point from outside and does not move.
+    """Predicts how c touched points move away from the touching objects in k successive postures.
 
-    `way` (k + 1, n_servos) [rad] contains the initial posture and the k postures. Displacements [m] are
-    written into `out` (3, k, c): row 0 is the component along the initial inward normal of each point, and
-    row 1 the length of the component perpendicular to this normal. Row 2 is the depth [m] by which skin of
-    any patch in `layout` enters the sphere on the way from the previous posture, in addition to the depth at
-    the initial posture. With the radius 0, row 2 is not written.
+    Args:
+        way: Angles (k + 1, n_servos) [rad]: the initial posture, then the k postures.
+        chain: Kinematics of the links with skin.
+        after: For each contact, the index (c,) of the kinematic step that ends at its link.
+        contacts: `Contacts.rows`.
+        layout: The taxels of all patches.
+        radius: Each object is a sphere of this radius [m] that touches its point from outside and does not
+            move.
+        room: Intermediate results.
+        out: Output (3, k, c): displacements [m] of the points. Row 0 is the component along the initial
+            inward normal, row 1 the length of the component perpendicular to it. Row 2 is the depth by which
+            skin of any patch enters the sphere on the way from the previous posture, in addition to the depth
+            at the start; with the radius 0 it is not written.
     """
     work, first = room.work, room.first
     for k in range(len(way)):
         take_steps(way[k], chain.path, chain.steps, chain.sums, work)
-        for c in range(len(touched.after)):
-            T, p, n = work[touched.after[c]], touched.points[c], touched.normals[c]
+        for c in range(len(after)):
+            T, p, n = work[after[c]], contacts[c].p_L, contacts[c].n_L
             inwards = square = 0.0
             for i in range(3):
                 x = T[i, 0] * p[0] + T[i, 1] * p[1] + T[i, 2] * p[2] + T[i, 3]

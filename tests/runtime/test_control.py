@@ -49,17 +49,17 @@ def test_without_a_body_orders_are_in_the_robots_own_joints(driver: SimulatedDri
         assert positions["HeadPitch"] == pytest.approx(0.3, abs=0.02)
 
 
-@pytest.mark.parametrize("error", [None, ZeroDivisionError("in a loop")])
-def test_the_end_brings_the_robot_to_rest(driver: SimulatedDriver, error: Exception | None) -> None:
+@pytest.mark.parametrize("fails", [False, True])
+def test_the_end_brings_the_robot_to_rest(driver: SimulatedDriver, fails: bool) -> None:
     def loop() -> None:
         with Control(driver) as control:
             for moment in control.periods(duration=0.1):
                 sent = control.act([nod(driver)] if moment.now == 0.0 else [])
             assert sent.velocity.any()
-            if error is not None:
-                raise error
+            if fails:
+                raise ZeroDivisionError("in a loop")
 
-    if error is None:
+    if not fails:
         loop()
         assert driver.gate.state is GateState.RUN
     else:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.gate.bounds import APPROACH, MARGIN
-from tci.gate.kernels import torques as at
+from tci.gate.kernels.torques import Limits, Measured, Memory, limit_torques
 from tci.gate.way_inside import CREEP, QUICK
 from tci.messages.frames import Array
 from tci.robot.description import Robot
@@ -39,7 +39,7 @@ class TorqueLimiter:
         self._period = period
         self._share = speed_share
         count = len(robot.servos)
-        self._memory = np.zeros((5, count))
+        self._memory = Memory(*np.zeros((5, count)))
         self._pushed = deque([np.zeros(count)], maxlen=1 + math.ceil(REMEMBERED / period))
         self._halts = np.zeros(count, np.bool_)
         self.servos: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
@@ -50,18 +50,18 @@ class TorqueLimiter:
         """Sets which servos are in torque mode: `servos`, and no others. All limits of these servos must be
         known. New servos start at zero torque."""
         fresh = [servo for servo in servos if servo not in self.servos]
-        self._memory[:, fresh] = 0.0
-        self._memory[at.CALM, fresh] = 1.0
+        for kept in self._memory:
+            kept[fresh] = 0.0
+        self._memory.calm[fresh] = 1.0
         self.servos = np.array(sorted(servos), dtype=np.intp)
         limits = [self._robot.servos[servo].limits for servo in self.servos]
-        rows = [(x.lower, x.upper, x.velocity, x.velocity, x.acceleration, x.acceleration, x.torque)
-                for x in limits]  # fmt: skip
-        self._limits = np.array(rows).reshape(len(rows), 7).T.copy()
-        self._limits[at.LOWER] += MARGIN
-        self._limits[at.UPPER] -= MARGIN
-        self._limits[at.VELOCITY] *= self._share
-        self._limits[at.CREEP] = CREEP * np.minimum(self._share * self._limits[at.CREEP], QUICK)
-        self._limits[at.APPROACH] *= APPROACH
+        rows = [(x.lower, x.upper, x.velocity, x.acceleration, x.torque) for x in limits]
+        lower, upper, velocity, acceleration, torque = np.array(rows, np.float64).reshape(-1, 5).T.copy()
+        velocity *= self._share
+        creep = CREEP * np.minimum(velocity, QUICK)
+        self._limits = Limits(
+            lower + MARGIN, upper - MARGIN, velocity, creep, acceleration, APPROACH * acceleration, torque
+        )
         self._trust = np.zeros(len(self.servos))
 
     def ask(self, servos: NDArray[np.intp], torque: Array) -> Array:
@@ -69,13 +69,13 @@ class TorqueLimiter:
         torque limit."""
         limit = np.array([self._robot.servos[servo].limits.torque for servo in servos])
         wanted: Array = np.clip(torque, -limit, limit)
-        self._memory[at.WANTED, servos] = wanted
+        self._memory.wanted[servos] = wanted
         return wanted
 
     def relax(self, servos: NDArray[np.intp] | EllipsisType = ...) -> None:
         """Sets the commanded torque of some servos, or of all servos, to zero. A servo that moves too fast
         towards a limit is still braked."""
-        self._memory[at.WANTED, servos] = 0.0
+        self._memory.wanted[servos] = 0.0
 
     def halt(self, servos: NDArray[np.intp] | EllipsisType = ...) -> None:
         """Sets the commanded torque of some servos, or of all servos, to zero. The next call of `step` brakes
@@ -113,13 +113,14 @@ class TorqueLimiter:
           above. When `trust` rises again, the torques rise gradually too.
         """
         self._trust = np.broadcast_to(trust, self.servos.shape)
-        measured = np.array([position, velocity, slope, self._since(age), self._since(age + 0.5 * span)])
-        at.limit_torques(
+        sums = self._since(age), self._since(age + 0.5 * span)
+        measured = Measured(*np.array([position, velocity, slope, *sums]))
+        limit_torques(
             self.servos, measured, self._limits, self._trust, self._halts, age + self._period, self._period,
             self._memory,
         )  # fmt: skip
         self._halts[:] = False
-        self._pushed.append(self._pushed[-1] + self._period * self._memory[at.GIVEN])
+        self._pushed.append(self._pushed[-1] + self._period * self._memory.given)
         return self._given()
 
     def again(self, *, trust: Array | float) -> Array:
@@ -128,12 +129,13 @@ class TorqueLimiter:
         next step."""
         trust = np.minimum(trust, self._trust)
         share = np.divide(trust, self._trust, out=np.zeros(len(trust)), where=self._trust > 0.0)
-        self._memory[at.RISEN : at.GIVEN + 1, self.servos] *= share
+        self._memory.risen[self.servos] *= share
+        self._memory.given[self.servos] *= share
         self._trust = trust
         return self._given()
 
     def _given(self) -> Array:
-        given: Array = self._memory[at.GIVEN, self.servos]
+        given: Array = self._memory.given[self.servos]
         return given
 
     def _since(self, age: float) -> Array:

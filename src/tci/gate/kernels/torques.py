@@ -2,30 +2,65 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import boolean, float64, int64, void
 from numpy.typing import NDArray
 
 from tci.messages.frames import Array
-from tci.support.compiled import compiled, reads, views, writes
+from tci.support.compiled import compiled, record, views, writes
 
-LOWER, UPPER, VELOCITY, CREEP, ACCELERATION, APPROACH, TORQUE = range(7)
-"""Rows of the limits (7, k) of k servos in torque mode: lower and upper angle [rad], velocity [rad/s], speed
-[rad/s] at which a servo outside its limits returns (CREEP), acceleration [rad/s2], deceleration [rad/s2] that
-is assumed to be available before a limit (APPROACH), and torque [N m]."""
-POSITION, SPEED, SLOPE, SINCE_SPEED, SINCE_SLOPE = range(5)
-"""Rows of the measurements (5, n_servos). POSITION: angle [rad]. SPEED: measured velocity [rad/s]. SLOPE:
-mean speed [rad/s], computed from angles; NaN if unknown. SINCE_SPEED, SINCE_SLOPE: torque times duration [N m
-s] that was sent since SPEED or SLOPE was measured."""
-WANTED, RISEN, GIVEN, CALM, BEFORE = range(5)
-"""Rows of an array (5, n_servos) that is kept from one period to the next:
 
-- commanded torque [N m]
-- torque [N m] that approaches the commanded torque gradually
-- torque [N m] that is sent
-- fraction (0 to 1) of the full braking torque that is used
-- velocity [rad/s] at which this fraction was chosen
-"""
+class Limits(NamedTuple):
+    """Limits of k servos in torque mode, each (k,)."""
+
+    lower: Array
+    """Least angles [rad]."""
+    upper: Array
+    """Largest angles [rad]."""
+    velocity: Array
+    """Largest speeds [rad/s]."""
+    creep: Array
+    """Speeds [rad/s] at which servos outside their limits return."""
+    acceleration: Array
+    """Largest accelerations [rad/s2]."""
+    approach: Array
+    """Decelerations [rad/s2] that are assumed to be available before a limit."""
+    torque: Array
+    """Largest torques [N m]."""
+
+
+class Measured(NamedTuple):
+    """What was measured of all servos, each (n_servos,)."""
+
+    position: Array
+    """Angles [rad]."""
+    speed: Array
+    """Measured velocities [rad/s]."""
+    slope: Array
+    """Mean speeds [rad/s], computed from angles; NaN if unknown."""
+    since_speed: Array
+    """Torque times duration [N m s] that was sent since `speed` was measured."""
+    since_slope: Array
+    """Torque times duration [N m s] that was sent since `slope` was measured."""
+
+
+class Memory(NamedTuple):
+    """What is kept of all servos from one period to the next, each (n_servos,)."""
+
+    wanted: Array
+    """Commanded torques [N m]."""
+    risen: Array
+    """Torques [N m] that approach the commanded torques gradually."""
+    given: Array
+    """Torques [N m] that are sent."""
+    calm: Array
+    """Fractions (0 to 1) of the full braking torque that are used."""
+    before: Array
+    """Velocities [rad/s] at which these fractions were chosen."""
+
+
 MARGIN = 1e-6
 """Smallest speed [rad/s] by which the computation of braking torques divides, so that it never divides by
 zero."""
@@ -51,59 +86,67 @@ shorter distance, joints are pushed into their limits; with a longer distance, m
 
 
 @compiled(
-    void(views(1, int64), reads(2), reads(2), views(1), views(1, boolean), float64, float64, writes(2))
+    void(
+        views(1, int64), record(Measured, *5 * [writes(1)]), record(Limits, *7 * [writes(1)]), views(1),
+        views(1, boolean), float64, float64, record(Memory, *5 * [writes(1)]),
+    )
 )  # fmt: skip
 def limit_torques(
     servos: NDArray[np.intp],
-    measured: Array,
-    limits: Array,
+    measured: Measured,
+    limits: Limits,
     trust: Array,
     halts: NDArray[np.bool_],
     late: float,
     period: float,
-    memory: Array,
+    memory: Memory,
 ) -> None:
-    """Computes the torques [N m] that are sent now to servos in torque mode, and writes them into the row
-    GIVEN of `memory` (5, n_servos). The commanded torques are in its row WANTED.
+    """Computes the torques [N m] that are sent now to servos in torque mode, and writes them into
+    `memory.given`.
 
-    `servos` (k,) are the indices of these servos. The rows of `limits` (7, k), `measured` (5, n_servos) and
-    `memory` are listed in this module, from `LOWER` to `BEFORE`. `trust` (k,) in their measurements, 0 to 1,
-    is the fraction of each torque that is permitted. The measurements are `late` [s] old when the next
-    torques are computed, one `period` [s] later. Where `halts` (n_servos,) is True, any motion is braked.
+    Args:
+        servos: Indices (k,) of these servos.
+        measured: Their measurements.
+        limits: Their limits.
+        trust: Fraction (k,), 0 to 1, of each torque that is permitted: the trust in the measurements.
+        halts: Where it is True (n_servos,), any motion is braked.
+        late: Age [s] of the measurements when the next torques are computed, one `period` later.
+        period: Period [s] of the control loop.
+        memory: Commanded torques, and what is kept from one period to the next.
     """
     for k in range(len(servos)):
         i = servos[k]
-        q, v, wanted = measured[POSITION, i], measured[SPEED, i], memory[WANTED, i]
+        q, v, wanted = measured.position[i], measured.speed[i], memory.wanted[i]
         if not abs(v) < float("inf"):
             v = wanted = 0.0
-        mean = measured[SLOPE, i] if abs(measured[SLOPE, i]) < float("inf") else v
-        most, quickest = limits[TORQUE, k], limits[ACCELERATION, k]
-        above, below = max(limits[UPPER, k] - q, 0.0), max(q - limits[LOWER, k], 0.0)
-        inside = limits[LOWER, k] <= q <= limits[UPPER, k]
-        fastest = limits[VELOCITY if inside else CREEP, k]
+        mean = measured.slope[i] if abs(measured.slope[i]) < float("inf") else v
+        most, quickest = limits.torque[k], limits.acceleration[k]
+        above, below = max(limits.upper[k] - q, 0.0), max(q - limits.lower[k], 0.0)
+        inside = limits.lower[k] <= q <= limits.upper[k]
+        fastest = limits.velocity[k] if inside else limits.creep[k]
         # Distance left when this torque has taken effect, less that which slow speeds need to settle.
         slow = SETTLE * quickest * late
         room = max((above if v > 0.0 else below) - abs(v) * late - slow * SETTLE * late, 0.0)
-        safe = 0.0 if halts[i] else min((1.0 - BAND) * fastest, np.sqrt(2.0 * limits[APPROACH, k] * room))
+        safe = 0.0 if halts[i] else min((1.0 - BAND) * fastest, np.sqrt(2.0 * limits.approach[k] * room))
         braking = min(max((abs(v) - safe) / max(BAND * safe, MARGIN), 0.0), 1.0)
         # Torques given since the reading have already accelerated the joint.
-        rise, risen = most * period / RISE, memory[RISEN, i]
-        risen = memory[RISEN, i] = trust[k] * min(max(wanted, risen - rise), risen + rise)
+        rise, risen = most * period / RISE, memory.risen[i]
+        risen = memory.risen[i] = trust[k] * min(max(wanted, risen - rise), risen + rise)
         way, left = (1.0, above) if risen > 0.0 else (-1.0, below)
         ahead = max(
-            way * v + quickest / most * max(way * measured[SINCE_SPEED, i], 0.0),
-            way * mean + quickest / most * max(way * measured[SINCE_SLOPE, i], 0.0),
+            way * v + quickest / most * max(way * measured.since_speed[i], 0.0),
+            way * mean + quickest / most * max(way * measured.since_slope[i], 0.0),
         )
         driving = min(
             abs(risen) * min(left / FADE, 1.0),
-            most * max(limits[VELOCITY, k] - ahead, 0.0) / (quickest * late),
+            most * max(limits.velocity[k] - ahead, 0.0) / (quickest * late),
         )
         # If angles repeat, or move opposite to the velocity, braking would drive the joint.
         real = mean != 0.0 and mean * v >= -0.5 * v * v
-        before, share = memory[BEFORE, i], memory[CALM, i]
+        before, share = memory.before[i], memory.calm[i]
         if v != before:
             turned = v * before < 0.0 and braking > 0.0
             share = min(max((CALMER if turned else BOLDER) * share, LEAST), 1.0)
-        memory[BEFORE, i], memory[CALM, i] = v, share
+        memory.before[i], memory.calm[i] = v, share
         against = trust[k] * share * most * min(max(v / slow, -1.0), 1.0) if real else 0.0
-        memory[GIVEN, i] = (1.0 - braking) * way * driving - braking * against
+        memory.given[i] = (1.0 - braking) * way * driving - braking * against

@@ -63,6 +63,20 @@ def test_a_poke_is_felt_answered_and_ends(session: Session) -> None:
     assert np.all(np.diff(time_) > 0.0)
 
 
+def test_which_layer_holds_a_part_is_told_once() -> None:
+    layers = tci.Arbiter([tci.WithdrawalReflex(), tci.BodyWithdrawal()])
+    session = Session(tci.connect("nao", step=0.002), layers, about={})
+    session.start()
+    try:
+        wait_for(lambda: session.view)
+        poke(session)
+        wait_for(lambda: "WithdrawalReflex holds left_arm" in words(session))
+        wait_for(lambda: session.view.finger is None)
+        assert words(session).count("holds left_arm") == 1
+    finally:
+        session.close()
+
+
 def test_a_poke_without_room_is_told(session: Session) -> None:
     place = find_place(Skin(session.robot), "left_arm", "forearm", 0.5, 0.0, session.view.joints)
     inward = type(place)(place.patch, place.p_L, -place.n_L)

@@ -91,6 +91,7 @@ class Session:
         self._again, self._closing = threading.Event(), threading.Event()
         self._recording = threading.Lock()
         self._noted: dict[str, float] = {}
+        self._notes: tuple[str, ...] = ()
         self._real_time = RealTime()
         self._leave = np.inf
         self._state: tuple[GateState, Reason | None] = (GateState.RUN, None)
@@ -208,7 +209,10 @@ class Session:
             self._real_time.forget()
             try:
                 if self.armed:
-                    run(self.driver, self._steered, observe=self._see, report=self.report)
+                    run(
+                        self.driver, self._steered, observe=self._see, until=self._tell_notes,
+                        report=self.report,
+                    )  # fmt: skip
                 else:
                     self._watch()
             except _Closed:
@@ -294,6 +298,16 @@ class Session:
                 if tick.now - self._noted.get(order.part, -np.inf) > QUIET:
                     self.say(moves(order.part, order.values))
                 self._noted[order.part] = tick.now
+
+    def _tell_notes(self, memory: Any) -> bool:
+        """Adds an event to the page for each note of the capability that comes up, such as the layer that
+        holds a part. Never ends the run."""
+        notes = self._steered.notes(memory)
+        for note in notes:
+            if note not in self._notes:
+                self.say(note)
+        self._notes = notes
+        return False
 
     def _publish(self, view: View) -> None:
         self.view = view

@@ -132,7 +132,9 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         return tuple(commands)
 
     def init(self, body: GenericBody) -> WithdrawalMemory:
-        return Withdrawals({}, {})
+        nothing = Withdrawals[ReceptiveField]({}, {})
+        self._wishes(nothing, Contacts.of(()))  # the first call of a compiled loop takes 1 ms: not at a touch
+        return nothing
 
     def step(
         self, memory: WithdrawalMemory, perception: Perception, body: GenericBody

@@ -56,11 +56,10 @@ class Physics:
         """MuJoCo's arrays. The references are stored, because a look-up in MuJoCo's data takes longer."""
         self.motors = data.actuator_force
         """Torque [N m] of each actuator in the latest step."""
-        self._moved = self.qpos, self.qvel, self.ctrl, data.qfrc_applied, data.xfrc_applied.reshape(-1)
-        here = np.zeros(sum(one.size for one in self._moved) + model.nv)
-        self.whole = np.zeros(4, dtype=np.int64)
+        self.whole = np.zeros(3, dtype=np.int64)
         """Integers of the compiled loop. The constants at the top of `stepping` are their indices."""
-        self._kept = data.qacc_warmstart, here, self.whole
+        self._moved = self.qpos, self.ctrl
+        self._kept = data.qacc_warmstart, np.zeros(model.nv), self.whole
         self._engine = model._address, data._address
 
     def __reduce__(self) -> Any:
@@ -106,7 +105,7 @@ class Physics:
         """Marks poses, contacts and sensors as out of date. Call this method after a change of joints or
         servos."""
         with self.lock:
-            self._fresh = self.whole[stepping.AHEAD] = -1
+            self._fresh = -1
 
     def pose(self, body: int) -> Array:
         """Returns `T_WB` (4, 4), the current pose of a body in the world frame."""

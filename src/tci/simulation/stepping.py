@@ -45,18 +45,15 @@ ACTIVE, BEGIN, SPEED, DEPTH, LEADS, PATH, END, FORCE, FIRST, LOST, PEAK = range(
 - `FORCE`, `PEAK`: contact force [N] in the latest step, and largest contact force [N] of the poke.
 - `FIRST`, `LOST`: times [s] of the first contact and of the latest loss of contact; NaN if there was none,
   and `LOST` also during a contact."""
-TIP, TIP_SENSOR, TRACED, AHEAD = range(4)
+TIP, TIP_SENSOR, TRACED = range(3)
 """Indices of the values in the array of integers `Physics.whole`: index of the finger's actuator, index of
-the first value of the finger's sensor, number of steps in the finger's record, and number of the step that
-was partly computed in advance."""
-MOVED = returns(reads(1), reads(1), writes(1), reads(1), reads(1))
-"""Numba types of the arrays on which the next step depends: MuJoCo's `qpos`, `qvel`, `ctrl`, `qfrc_applied`
-and `xfrc_applied`, each as one row of numbers."""
+the first value of the finger's sensor, and number of steps in the finger's record."""
+MOVED = returns(reads(1), writes(1))
+"""MuJoCo's `qpos` and `ctrl`."""
 ENGINE = returns(int64, int64)
 """Numba types of the addresses of MuJoCo's model and data."""
 KEPT = returns(writes(1), writes(1), writes(1, int64))
-"""Numba types of three arrays that a step leaves for the next step. They contain the result of MuJoCo's
-solver (its warm start), the inputs of the step that was partly computed in advance, and the integers
+"""The result of MuJoCo's solver, from which its next step starts, room for a copy of it, and the integers
 `Physics.whole` (see `TIP`)."""
 SERVOS = returns(writes(2), reads(2, int64), reads(2))
 """Numba types of the three arrays of the servos: states (see `SETPOINT`) and indices (see `SERVO`) of the
@@ -89,10 +86,7 @@ def _bring(name: str) -> Any:
     return types.ExternalFunction(name, types.void(types.intp, types.intp))
 
 
-_step, _step1, _step2 = _bring("mj_step"), _bring("mj_step1"), _bring("mj_step2")
-_actuate, _accelerate = _bring("mj_fwdActuation"), _bring("mj_fwdAcceleration")
-_constrain, _sense = _bring("mj_fwdConstraint"), _bring("mj_sensorAcc")
-_check, _integrate = _bring("mj_checkAcc"), _bring("mj_implicit")
+_step, _forward = _bring("mj_step"), _bring("mj_forward")
 
 
 @inlined
@@ -157,67 +151,14 @@ def _note(time: float, sensors: Array, finger: Array, whole: Array, trace: Array
 
 
 @inlined
-def _keep(values: Array, here: Array, at: int) -> int:
-    for i in range(len(values)):
-        here[at + i] = values[i]
-    return at + len(values)
-
-
-@inlined
-def _look_ahead(
-    model: int, data: int, number: int, moved: Arrays, warm: Array, here: Array, whole: Array
-) -> None:
-    """Updates contacts and sensors to the current joint angles, without a motion.
-
-    For this purpose, computes the next step, whose number is `number`, except for the motion. The other
-    arguments are explained at `MOVED` and `KEPT`.
-    """
-    qpos, qvel, ctrl, applied, pushed = moved
-    _step1(model, data)
-    at = _keep(qpos, here, 0)
-    at = _keep(qvel, here, at)
-    at = _keep(ctrl, here, at)
-    at = _keep(applied, here, at)
-    at = _keep(pushed, here, at)
-    _keep(warm, here, at)
-    _actuate(model, data)
-    _accelerate(model, data)
-    _constrain(model, data)
-    _sense(model, data)
-    # The solver starts from its last result, which is restored so that later steps are not affected.
+def _look_ahead(model: int, data: int, warm: Array, spare: Array) -> None:
+    """Updates contacts and sensors to the current joint angles and inputs, without a motion. The solver's
+    last result is put back, so that later steps are not affected."""
     for i in range(len(warm)):
-        warm[i] = here[at + i]
-    whole[AHEAD] = number
-
-
-@inlined
-def _differs(values: Array, here: Array, at: int) -> bool:
-    differs = False
-    for i in range(len(values)):
-        differs |= values[i] != here[at + i]
-    return bool(differs)
-
-
-@inlined
-def _take_step(model: int, data: int, number: int, moved: Arrays, here: Array, whole: Array) -> None:
-    """Executes one step of the physics, like MuJoCo's `mj_step`.
-
-    The arguments are those of `_look_ahead`. If `_look_ahead` has already computed a part of this step, and
-    joints and inputs have not changed since then, only the rest of the step is computed.
-    """
-    qpos, qvel, ctrl, applied, pushed = moved
-    n, m, k = len(qpos), len(qvel), len(ctrl)
-    if whole[AHEAD] != number or _differs(qpos, here, 0) or _differs(qvel, here, n):
-        _step(model, data)
-    elif (
-        _differs(ctrl, here, n + m)
-        or _differs(applied, here, n + m + k)
-        or _differs(pushed, here, n + 2 * m + k)
-    ):
-        _step2(model, data)
-    else:
-        _check(model, data)
-        _integrate(model, data)
+        spare[i] = warm[i]
+    _forward(model, data)
+    for i in range(len(warm)):
+        warm[i] = spare[i]
 
 
 @compiled(int64(ENGINE, int64, int64, float64, MOVED, KEPT, SERVOS, FINGER, SKIN))
@@ -239,10 +180,10 @@ def march(
     are explained at `MOVED`, `KEPT`, `SERVOS`, `FINGER` and `SKIN`.
     """
     model, data = engine
-    warm, here, whole = kept
+    warm, spare, whole = kept
     states, places, asked = servos
     tool, trace = finger
-    qpos, _, ctrl, _, _ = moved
+    qpos, ctrl = moved
     sensors, patches = skin[0], skin[3]
     due = begin
     for number in range(begin, end):
@@ -251,7 +192,7 @@ def march(
         _drive(qpos, ctrl, states, places, asked, 0.0)
         if tool[ACTIVE]:
             _push(time, ctrl, tool, whole)
-        _take_step(model, data, number, moved, here, whole)
+        _step(model, data)
         if tool[ACTIVE]:
             _note(time, sensors, tool, whole, trace)
         if number + 1 < min(due, end):
@@ -263,11 +204,12 @@ def march(
             _push((number + 1) * step, ctrl, tool, whole)
         if number + 1 < due:
             continue
-        due, full = end + 1, False
+        due, full, looked = end + 1, False, False
         for patch in range(len(patches)):
             if number + 1 >= patches[patch, DUE]:
-                if whole[AHEAD] != number + 1:
-                    _look_ahead(model, data, number + 1, moved, warm, here, whole)
+                if not looked:
+                    _look_ahead(model, data, warm, spare)
+                    looked = True
                 full |= sample(patch, number + 1, skin) > SLOTS
             due = min(due, patches[patch, DUE])
         if full:

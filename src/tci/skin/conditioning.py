@@ -11,6 +11,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import gt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,8 @@ RESTART = 1.0
 """If a frame has a lower sequence number than the previous frame, but its stamp is later by more than this
 time [s], the sender counts as restarted. Assumed: with a shorter time, a frame out of order could look like a
 restart. With a longer time, the frames of a restarted sender would be ignored for longer."""
-_CONDITION = {np.dtype(np.uint8): condition, np.dtype(np.float32): condition_of_floats}
+_CONDITION = {"B": condition, "f": condition_of_floats}
+"""Loop for each type of raw values: uint8 and float32."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,23 +145,29 @@ class Conditioner:
             if len({*names}) < len(names):
                 return self._step_each(frames)
             buffer.arrange(names)
-        known, stamps = self._sequence.tolist(), self.state.stamp.tolist()
-        fresh, late = list[SkinFrame](), 0
-        for frame, p in zip(frames, buffer.which.tolist(), strict=True):
-            if frame.sequence > known[p] or not frame.stamp <= stamps[p] + RESTART:
-                fresh.append(frame)
-            else:
-                late += frame.sequence < known[p]
-        if len(fresh) < len(frames):
-            taken = self.step(fresh)
-            self.late += late
-            return taken
+        sequences = [frame.sequence for frame in frames]
+        known = (self._sequence if buffer.whole else self._sequence[buffer.which]).tolist()
+        if not all(map(gt, sequences, known)):
+            stamps = self.state.stamp.tolist()
+            fresh = [
+                frame for frame, last, p in zip(frames, known, buffer.order, strict=True)
+                if frame.sequence > last or not frame.stamp <= stamps[p] + RESTART
+            ]  # fmt: skip
+            if len(fresh) < len(frames):
+                late = self._older(frames) - self._older(fresh)
+                taken = self.step(fresh)
+                self.late += late
+                return taken
         values = [*map(np.asarray, [frame.values for frame in frames])]
         buffer.check(values)
         self.catch_up()
         buffer.fill(values)
-        sequence = self._sequence.copy()  # the states refer to the array before
-        sequence[buffer.which] = [frame.sequence for frame in frames]
+        # Each step needs a new array, because the states refer to this array.
+        sequence = np.array(sequences, np.int64)
+        if not buffer.whole:
+            every = self._sequence.copy()
+            every[buffer.which] = sequence
+            sequence = every
         self._sequence = sequence
         self._condition(frames)
         return True
@@ -208,19 +216,23 @@ class Conditioner:
         taken = [self.step([frame]) for frame in frames]  # a list, so that all frames are processed
         return any(taken)
 
+    def _older(self, frames: Sequence[SkinFrame]) -> int:
+        known, places = self._sequence.tolist(), self.layout.places
+        return sum([frame.sequence < known[places[frame.patch]] for frame in frames])
+
     def _condition(self, frames: Sequence[SkinFrame]) -> None:
         memory, buffer = self._memory, self._buffer
         stamps = np.array([frame.stamp for frame in frames], np.float64)
-        ended = _CONDITION[buffer.raw.dtype](
+        ended = _CONDITION[buffer.raw.dtype.char](
             buffer.raw, buffer.last, buffer.which, stamps, self.settings.latency, self.layout.arrays,
             self.estimates, memory, self._out,
         )  # fmt: skip
         if self._masked is not None:
-            self._revive(buffer.which.tolist())
+            self._revive(buffer.order)
         if ended:
             state = memory.patches
             over = (state["elapsed"] >= state["due"]) & (state["in_window"] >= state["least"])
-            self._ended = [p for p in buffer.which.tolist() if over[p]]
+            self._ended = [p for p in buffer.order if over[p]]
         self._vectors.step(buffer.which, frames, self._out)
         self.state = self._state()
 

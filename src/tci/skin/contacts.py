@@ -108,14 +108,15 @@ class ContactFinder:
         links in `SkinLayout.links`. `posture` contains the generic angles (n,) [rad] of each part with skin.
         Raises UnknownNameError if `posture` does not contain a touched part.
         """
-        layout, clusters, settings = self.layout, self._clusters, self.settings
+        if not len(state.active):
+            self.contacts, self._waiting = _NONE, self._waiting[:0]
+            return self.contacts
+        layout, clusters, isolated = self.layout, self._clusters, self.settings.isolated
         active = ActiveTaxels(state.stamp, state.begin, state.active, state.pressure)
-        count = single = 0
-        if len(state.active):
-            count, taxels, single = cluster(active, self._limits, estimates.onset, layout.arrays, clusters)
+        count, taxels, single = cluster(active, self._limits, estimates.onset, layout.arrays, clusters)
         waiting: Records = self._waiting[:0]
-        if single and settings.isolated is not None:
-            count, taxels, waiting = self._reject(active, estimates, settings.isolated, single)
+        if single and isolated is not None:
+            count, taxels, waiting = self._reject(active, estimates, isolated, single)
         self._waiting = waiting
         if not count:
             self.contacts = _NONE

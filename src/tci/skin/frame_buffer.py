@@ -31,6 +31,8 @@ class FrameBuffer:
         """Names (k,) of the patches in the latest call of `arrange`."""
         self.which: Places = np.zeros(0, np.int64)
         """Index (k,) of each patch of `names` in the layout's list of patches."""
+        self.order: list[int] = []
+        """`which` as a list."""
         self.whole = False
         """True if the latest call of `arrange` contained all patches, in the order of the layout."""
         self._sizes = list[tuple[int]]()
@@ -56,6 +58,7 @@ class FrameBuffer:
                 self._arranged.clear()
             found = self._arranged[names] = np.array(which, np.int64), sizes, which == [*range(len(places))]
         self.which, self._sizes, self.whole = found
+        self.order = self.which.tolist()
         self.names = names
 
     def check(self, values: Values) -> None:
@@ -94,5 +97,5 @@ class FrameBuffer:
         if self.whole:
             np.concatenate(values, out=self.raw, casting="unsafe")
         else:
-            for p, one in zip(self.which.tolist(), values, strict=True):
+            for p, one in zip(self.order, values, strict=True):
                 self.raw[self._layout.channels[p]] = one

@@ -11,6 +11,8 @@ from pathlib import Path
 import hypothesis
 import pytest
 
+os.environ.setdefault("TCI_CHECK_LOOPS", "1")  # before a loop is loaded
+
 from helpers import TESTS
 from helpers.made_recordings import write_recordings
 from helpers.made_skins import write_skins

@@ -31,6 +31,7 @@ CASES = {
     "whole_body": "whole_body:whole_body",
     "loop": "loop:loop",
     "real_time_factor": "touch:real_time_factor",
+    "ticks": "ticks:ticks",
     "learning": "learning:learning",
     "start": "start:start",
     "demo": "start:demo",

@@ -30,13 +30,13 @@ from tci.skin.contacts import ContactFinder, ContactSettings
 from tci.skin.kernels.arrays import ActiveTaxels, ContactArrays
 from tci.skin.kernels.condition import condition
 from tci.skin.kernels.contacts import SUMMARY, cluster, describe
-from tci.support.compiled import inlined
+from tci.support.compiled import inlined, python_of
 
 SETTINGS = ContactSettings()
 LIMITS, THRESHOLD = SETTINGS.limits, 7.0
 """Thresholds of a taxel: contact forces [N], and deviation from the rest value [counts]."""
 _condition, _cluster, _describe, _answer = [
-    inlined(loop.py_func) for loop in (condition, cluster, describe, find_answers)
+    inlined(python_of[loop]) for loop in (condition, cluster, describe, find_answers)
 ]
 """Inlines the loops of TCI into one loop. Another row of the benchmark shows the cost of separate calls."""
 HERE = Path(__file__).parent

@@ -35,7 +35,7 @@ they compile, so that no two compile the same one."""
 MOST = 4
 """Largest number of workers. A worker needs up to 400 MB, and the longest package takes a third of the whole
 time, so more workers would hardly be faster."""
-waiting: list[tuple[Callable[..., Any], Callable[[], None]]] = []
+waiting: list[tuple[Callable[..., Any], Callable[[], object]]] = []
 """Loops that this worker has imported, each with what compiles it."""
 _tried = False
 

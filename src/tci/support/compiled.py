@@ -5,8 +5,10 @@ numba or the processor changes; numba's own cache looks at the loop's file only,
 a change elsewhere. The files lie in `__pycache__` beside the source, in the user's cache if that folder can't
 be written to, or where `NUMBA_CACHE_DIR` says.
 
-Loops are called through numba's check of types: an argument of another type, contiguity or read-only flag
-within a tuple is a TypeError.
+A call runs the machine code at once, without numba's check of each array: with it a tick takes an eighth
+longer, and the first command four times as long. But a loop that is called with wrong types, or arrays that
+are not contiguous, reads and writes memory that is not theirs. So with `TCI_CHECK_LOOPS=1` loops are called
+through numba's check, which raises TypeError: all tests run so, except the live ones.
 """
 
 from __future__ import annotations
@@ -34,6 +36,9 @@ from tci.support.compile_ahead import compile_ahead, is_worker, waiting
 HERE = Path(__file__).parents[1]
 IMPORT = re.compile(r"^from (tci[\w.]*) import (?:\(([^)]*)\)|(.*))$", re.MULTILINE)
 DIGEST = hashlib.sha256().digest_size
+CHECKED = os.environ.get("TCI_CHECK_LOOPS", "0") != "0"
+python_of: dict[Any, Callable[..., Any]] = {}
+"""The Python function of each loop that was loaded."""
 
 
 def compiled(signature: Any, *, allocates: bool = False, seldom: bool = False) -> Callable[..., Any]:
@@ -54,9 +59,8 @@ def compiled(signature: Any, *, allocates: bool = False, seldom: bool = False) -
             return Seldom(function, signature)
         if is_worker():
             waiting.append((loop, partial(load, function, signature)))
-        else:
-            load(function, signature, ahead=loop.__module__.startswith("tci."))
-        return function
+            return function
+        return load(function, signature, ahead=loop.__module__.startswith("tci."))
 
     return decorate
 
@@ -65,20 +69,21 @@ class Seldom:
     """A compiled loop that is loaded when it is first called."""
 
     def __init__(self, function: Any, signature: Any) -> None:
-        self.py_func, self._function, self._signature = function.py_func, function, signature
+        self.py_func, self._load = function.py_func, partial(load, function, signature)
+        self._code: Callable[..., Any] | None = None
 
-    def prepare(self) -> None:
+    def prepare(self) -> Callable[..., Any]:
         """Loads the loop; compiles it if it was never compiled here."""
-        if not self._function.overloads:
-            load(self._function, self._signature)
+        if self._code is None:
+            self._code = self._load()
+        return self._code
 
     def __call__(self, *arguments: Any) -> Any:
-        self.prepare()
-        return self._function(*arguments)
+        return (self._code or self.prepare())(*arguments)
 
 
-def load(function: Any, signature: Any, *, ahead: bool = False) -> None:
-    """Loads a loop's machine code from its file, or compiles it and writes the file.
+def load(function: Any, signature: Any, *, ahead: bool = False) -> Callable[..., Any]:
+    """Loads a loop's machine code from its file, or compiles it and writes the file. Returns what to call.
 
     With `ahead`, a loop without a file has all of TCI's loops compiled first, by several processes.
     """
@@ -94,6 +99,10 @@ def load(function: Any, signature: Any, *, ahead: bool = False) -> None:
         if kept:
             kept.write(*function.overloads.values())
     function.disable_compile()
+    (made,) = function.overloads.values()
+    called: Callable[..., Any] = function if CHECKED else made.entry_point
+    python_of[called] = function.py_func
+    return called
 
 
 def _kept_code(function: Any, signature: Any) -> KeptCode | None:

@@ -35,6 +35,8 @@ class CommandedGroups:
         self._robot, self._period, self._settings = robot, period, settings
         self._group_of = groups_of(robot)
         self._chains: dict[int, JointGroup] = {}
+        self._chain_of: dict[int, JointGroup]
+        """The group that moves each servo under command."""
         self.chains: list[JointGroup]
         """All groups, in the order in which `reference` has their servos."""
         self.count: int
@@ -88,6 +90,7 @@ class CommandedGroups:
     def _note_change(self) -> None:
         """Works out anew what depends on the groups and modes."""
         self.chains = list(self._chains.values())
+        self._chain_of = {servo: chain for chain in self.chains for servo in chain.servos}
         self._leaning = [chain for chain in self.chains if chain.leans]
         self.count = sum(len(chain.servos) for chain in self.chains)
         self._others.clear()
@@ -100,7 +103,8 @@ class CommandedGroups:
         measured angles as references."""
         if self._reference is None:
             states = [chain.limiter.whole_state[:2] for chain in self.chains]
-            states.append(np.array([self.measured[self._loose], np.zeros(self._loose.size)]))
+            if self._loose.size or not states:
+                states.append(np.array([self.measured[self._loose], np.zeros(self._loose.size)]))
             position, velocity = frozen(np.concatenate(states, axis=1))
             self._reference = Reference(self._servos, self._modes, position, velocity)
         return self._reference
@@ -112,6 +116,9 @@ class CommandedGroups:
     def moving(self, servos: Sequence[int]) -> list[JointGroup]:
         """Returns the groups that move `servos`. Servos without a command so far join their groups at their
         measured positions. Raises CommandError if a servo can't be added to its group now."""
+        known = dict.fromkeys(map(self._chain_of.get, servos))
+        if None not in known:
+            return [chain for chain in known if chain]
         wanted: dict[int, set[int]] = {}
         for servo in servos:
             wanted.setdefault(self._group_of[servo], set()).add(servo)

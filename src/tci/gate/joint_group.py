@@ -61,15 +61,16 @@ class JointGroup:
         angles, or the nearest angles that the bounds allow. Writes the targets into `sent` (k,) [rad]."""
         limiter, values, speeds = self.limiter, command.values.tolist(), command.speed.tolist()
         target, speed, free = limiter.target.tolist(), limiter.speed.tolist(), [False] * len(self.servos)
-        rows = [(row, servo) for row, servo in enumerate(command.servos.tolist()) if servo in self.place]
-        for row, servo in rows:
-            place = self.place[servo]
+        mine = [(row, self.place.get(servo)) for row, servo in enumerate(command.servos.tolist())]
+        rows = [(row, place) for row, place in mine if place is not None]
+        for row, place in rows:
             target[place], free[place] = values[row], True
             speed[place] = min(speeds[row], self.fastest[place])
         nearest = limiter.bounds.nearest(np.array(target), np.array(free))
         limiter.aim(nearest, np.array(speed))
-        for row, servo in rows:
-            sent[row] = nearest[self.place[servo]]
+        aimed = nearest.tolist()
+        for row, place in rows:
+            sent[row] = aimed[place]
 
     def look_outside(self, measured: Array) -> None:
         """Shifts the bounds of the couplings by the contribution of the servos outside the group. `measured`

@@ -182,15 +182,19 @@ class JointMonitor:
         """Returns the reason to stop if a servo is off, or if it is in another mode than commanded; else
         None."""
         servos = reference.servos
-        if joints.powered is not None and not joints.powered[servos].all():
+        if joints.powered is not None and False in joints.powered[servos].tolist():
             off = servos[int(np.argmin(joints.powered[servos]))]
             return Reason(Code.SERVO_OFF, f"{self._names[off]} is under command and its servo is off")
         if joints.modes is None:
             return None
+        modes = [joints.modes[servo] for servo in servos.tolist()]
+        if tuple(modes) == reference.modes:
+            self._other_mode.clear()
+            return None
         others = [
             (servo, mode, reported)
-            for servo, mode in zip(servos.tolist(), reference.modes, strict=True)
-            if (reported := joints.modes[servo]) is not None and reported is not mode
+            for servo, mode, reported in zip(servos.tolist(), reference.modes, modes, strict=True)
+            if reported is not None and reported is not mode
         ]
         self._other_mode = {servo: self._other_mode.get(servo, joints.stamp) for servo, _, _ in others}
         for servo, mode, reported in others:

@@ -328,11 +328,8 @@ class Motion:
         value in `command`, and adds 1 to the count of this servo's clamps. The reasons give the values in
         `unit`."""
         clamped: list[Reason] = []
-        if not (np.abs(command.values - sent) > 2 * MARGIN).any():
-            return clamped
-        accepted = by_servo(command.servos, sent)
-        for servo, asked in by_servo(command.servos, command.values).items():
-            allowed = accepted[servo]
+        rows = zip(command.servos.tolist(), command.values.tolist(), sent.tolist(), strict=True)
+        for servo, asked, allowed in rows:
             if abs(asked - allowed) > 2 * MARGIN:
                 name = self.robot.servos[servo].name
                 self._tally.clamps[name] += 1

@@ -38,7 +38,6 @@ class Perceiver:
         self._held = None if keep_alive is None else HoldLast(body.robot, keep_alive)
         self._conditioner = Conditioner(body.layout, body.settings.conditioning)
         self._finder = ContactFinder(body.layout, body.settings.contacts)
-        self._finder.rehearse(self._conditioner.state, self._conditioner.estimates)
         self._frames: tuple[SkinFrame, ...] = ()
         # True if the previous step had frames: the estimates then do not wait for a step without frames.
         self._crowded = False

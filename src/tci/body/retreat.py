@@ -20,7 +20,7 @@ from tci.gate.bounds import bounds_of
 from tci.messages import Contacts, Mode
 from tci.messages.frames import Array, frozen, read_only
 from tci.robot.description import Robot
-from tci.robot.joint_map import JointMap, initial_position, joint_map
+from tci.robot.joint_map import JointMap, joint_map
 from tci.skin.layout import SkinLayout
 from tci.skin.skin import Skin
 
@@ -40,7 +40,6 @@ class Retreat:
 
     def __init__(self, skin: Skin, layout: SkinLayout) -> None:
         robot, self._chain = skin.robot, skin.kinematics
-        position = initial_position(robot)
         self._parts: Mapping[str, _Part] = {part.name: _part(robot, part.name) for part in robot.parts}
         links = tuple(dict.fromkeys(patch.link for patch in robot.patches))
         ends = self._chain.ends([self._chain.body(link) for link in links])
@@ -53,9 +52,6 @@ class Retreat:
             self._chain.sums,
             read_only([after[patch.description.link] for patch in layout.patches], np.int64),
         )
-        # The first call of a compiled loop takes 1 ms: not at a touch.
-        for part in robot.parts:
-            self.along(position, Contacts.of(()), part.name, part.initial_posture, Mode.POSITION)
 
     def along(
         self,
@@ -113,7 +109,7 @@ class Retreat:
         1, n_servos) [rad]; without row 2 if `radius` is 0."""
         count, steps, patches = len(contacts), len(self._chain.steps), len(self._links.ends)
         result = np.zeros((3 if radius else 2, len(way) - 1, count))
-        if moved.joints.servos.size:
+        if moved.joints.servos.size and count:
             after = [self._after[contacts.sites[site].patch] for site in contacts.site.tolist()]
             retreats(
                 self._chain.extended(way),

@@ -132,9 +132,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         return tuple(commands)
 
     def init(self, body: GenericBody) -> WithdrawalMemory:
-        nothing = Withdrawals[ReceptiveField]({}, {})
-        self._wishes(nothing, Contacts.of(()))  # the first call of a compiled loop takes 1 ms: not at a touch
-        return nothing
+        return Withdrawals({}, {})
 
     def step(
         self, memory: WithdrawalMemory, perception: Perception, body: GenericBody

@@ -111,9 +111,9 @@ class ContactFinder:
         if not len(state.active):
             self.contacts, self._waiting = _NONE, self._waiting[:0]
             return self.contacts
-        isolated = self.settings.isolated
+        layout, clusters, isolated = self.layout, self._clusters, self.settings.isolated
         active = ActiveTaxels(state.stamp, state.begin, state.active, state.pressure)
-        count, taxels, single = self._cluster(active, estimates)
+        count, taxels, single = cluster(active, self._limits, estimates.onset, layout.arrays, clusters)
         waiting: Records = self._waiting[:0]
         if single and isolated is not None:
             count, taxels, waiting = self._reject(active, estimates, isolated, single)
@@ -122,37 +122,14 @@ class ContactFinder:
             self.contacts = _NONE
             return self.contacts
         angles, links = self._angles(posture), poses()
-        made = self._describe(estimates, links, angles, count, taxels)
+        made = ContactArrays.empty(count, taxels)
+        room = room_for(count, SUMMARY)
+        describe(layout.arrays, estimates.hidden, clusters, links, angles, room, made)
         if state.vector is not None:
             self._turn(made, state, state.vector, links)
         self._tracker.follow(made, state.stamp)
-        self.contacts = Contacts(self.layout.sites, state.stamp, state.sequence, *made)
+        self.contacts = Contacts(layout.sites, state.stamp, state.sequence, *made)
         return self.contacts
-
-    def rehearse(self, state: SkinState, estimates: Estimates) -> None:
-        """Calls the loops of a touch with no contact: the first call of a compiled loop takes 1 ms. `state`
-        and `estimates` are those of a skin that nothing has touched."""
-        active = ActiveTaxels(state.stamp, state.begin, state.active, state.pressure)
-        self._cluster(active, estimates)
-        if self.settings.isolated is not None:
-            self._reject(active, estimates, self.settings.isolated, 0)
-        links, angles = np.zeros((len(self.layout.links), 4, 4)), _limb_angles(self.layout.parts, {})
-        self._tracker.follow(self._describe(estimates, links, angles, 0, 0), state.stamp)
-
-    def _cluster(self, active: ActiveTaxels, estimates: Estimates) -> tuple[int, int, int]:
-        """Numbers of clusters, of their taxels, and of clusters with a single taxel."""
-        found: tuple[int, int, int] = cluster(
-            active, self._limits, estimates.onset, self.layout.arrays, self._clusters
-        )
-        return found
-
-    def _describe(
-        self, estimates: Estimates, links: Array, angles: Array, count: int, taxels: int
-    ) -> ContactArrays:
-        """The `count` contacts of the clusters, which have `taxels` taxels altogether."""
-        made, room = ContactArrays.empty(count, taxels), room_for(count, SUMMARY)
-        describe(self.layout.arrays, estimates.hidden, self._clusters, links, angles, room, made)
-        return made
 
     def _reject(
         self, active: ActiveTaxels, estimates: Estimates, settings: IsolatedSettings, single: int

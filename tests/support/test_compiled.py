@@ -204,32 +204,45 @@ print(len(made.buffer))
 """
 
 
-def test_the_first_process_compiles_side_by_side_and_says_so(tmp_path: Path) -> None:
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A package of two folders with loops, compiled as TCI's are."""
+    made = tmp_path / "tci"
+    for folder in ("support", "one", "other"):
+        (made / folder).mkdir(parents=True)
+        (made / folder / "__init__.py").touch()
+    for file in ("__init__.py", "support/compiled.py", "support/compile_ahead.py"):
+        (made / file).write_bytes((compiled.HERE / file).read_bytes() if "/" in file else b"")
+    for folder in ("one", "other"):
+        (made / folder / "loops.py").write_text(LOOPS)
+    return made
+
+
+def _use(package: Path, *folders: str) -> list[tuple[bool, str]]:
+    """Starts processes that each use the loops of one folder, at the same time: whether they compiled some
+    themselves, and what they wrote to stderr."""
+    place = package.parent
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(place / "cache"), "PYTHONPATH": str(place)}
+    made = [
+        subprocess.Popen(
+            [sys.executable, "-c", USE.format(folder)],
+            env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )
+        for folder in folders
+    ]  # fmt: skip
+    found = [process.communicate() for process in made]
+    assert not any(process.returncode for process in made), found
+    return [(int(answer) > 0, said.replace(f"{WAITS}\n", "")) for answer, said in found]
+
+
+def test_the_first_process_compiles_side_by_side_and_says_so(package: Path) -> None:
     """Another process that starts meanwhile waits for the first process, although it needs the loops of
     another package."""
-    package = tmp_path / "tci"
-    for folder in ("support", "one", "other"):
-        (package / folder).mkdir(parents=True)
-        (package / folder / "__init__.py").touch()
-    for file in ("__init__.py", "support/compiled.py", "support/compile_ahead.py"):
-        (package / file).write_bytes((compiled.HERE / file).read_bytes() if "/" in file else b"")
-    for folder in ("one", "other"):
-        (package / folder / "loops.py").write_text(LOOPS)
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
 
     def use(*folders: str) -> list[str]:
-        """Starts processes that each use the loops of one folder, at the same time, and returns their output
-        to stderr."""
-        made = [
-            subprocess.Popen(
-                [sys.executable, "-c", USE.format(folder)],
-                env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-            )
-            for folder in folders
-        ]  # fmt: skip
-        found = [process.communicate() for process in made]
-        assert [answer.split() for answer, _ in found] == [["0"]] * len(folders)
-        return [said.replace(f"{WAITS}\n", "") for _, said in found]
+        found = _use(package, *folders)
+        assert not any(compiled for compiled, _ in found)
+        return [said for _, said in found]
 
     silent, told = sorted(use("one", "other"))
     assert silent == ""
@@ -238,6 +251,15 @@ def test_the_first_process_compiles_side_by_side_and_says_so(tmp_path: Path) -> 
     assert use("one") == [""]
     package.joinpath("one", "loops.py").write_text(LOOPS.replace("2.0", "3.0"))
     assert "compiling" in use("one")[0]
+
+
+def test_a_worker_that_dies_is_told(package: Path) -> None:
+    package.joinpath("other", "loops.py").write_text(f"{LOOPS}\nraise OSError('no such device')\n")
+    ((compiled_here, told),) = _use(package, "one")
+    assert compiled_here
+    assert "tci: a process that compiles loops ended with status 1" in told
+    assert "no such device" in told
+    assert "compiled its loops" not in told
 
 
 def test_a_process_says_that_it_waits_for_another_one(

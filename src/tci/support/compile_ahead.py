@@ -35,6 +35,8 @@ they compile, so that no two compile the same one."""
 MOST = 4
 """Largest number of workers. A worker needs up to 400 MB, and the longest package takes a third of the whole
 time, so more workers would hardly be faster."""
+TOLD = 6
+"""Number of lines that are shown of what a worker that failed wrote to stderr."""
 waiting: list[tuple[Callable[..., Any], Callable[[], object]]] = []
 """Loops that this worker has imported, each with what compiles it."""
 _tried = False
@@ -48,8 +50,8 @@ def is_worker() -> bool:
 def compile_ahead(is_missing: Callable[[], bool]) -> None:
     """Compiles all loops, except those that are seldom used, if `is_missing()`; at most once per process.
 
-    Other processes that start meanwhile wait instead of compiling the same loops. If the workers fail to
-    compile a loop, the caller must.
+    Other processes that start meanwhile wait instead of compiling the same loops. A worker that fails is told
+    on stderr; what it leaves the caller must compile.
     """
     global _tried
     if _tried or is_worker():
@@ -83,16 +85,22 @@ def _compile_all() -> None:
         command = [sys.executable, "-c", f"from {__name__} import work; work()"]
         environment = {**os.environ, CLAIMS: claims, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
         processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        workers = [
-            subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-            for _ in range(min(processors, MOST))
-        ]
+        workers = []
+        for number in range(min(processors, MOST)):
+            with Path(claims, f"errors-{number}").open("wb") as errors:
+                workers.append(subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL,
+                                                stdout=subprocess.DEVNULL, stderr=errors))  # fmt: skip
         try:
             _show_progress(Path(claims), workers)
         finally:
             for worker in workers:
                 worker.kill()
                 worker.wait()
+        for number, worker in enumerate(workers):
+            if worker.returncode:
+                lines = Path(claims, f"errors-{number}").read_text(errors="replace").splitlines()[-TOLD:]
+                print(f"tci: a process that compiles loops ended with status {worker.returncode}; its loops "
+                      "are compiled now", *lines, sep="\n  ", file=sys.stderr, flush=True)  # fmt: skip
 
 
 def _show_progress(claims: Path, workers: list[subprocess.Popen[bytes]]) -> None:
@@ -108,7 +116,12 @@ def _show_progress(claims: Path, workers: list[subprocess.Popen[bytes]]) -> None
             shown = time.monotonic()
             line = f"tci: {_state(claims, shown - begin)}"
             print(f"{back}{line:<50}" if back else line, end=end, file=sys.stderr, flush=True)
-    line = f"tci: compiled its loops in {time.monotonic() - begin:.0f} s"
+    done = (
+        "could not compile all its loops"
+        if any(worker.returncode for worker in workers)
+        else "compiled its loops"
+    )
+    line = f"tci: {done} in {time.monotonic() - begin:.0f} s"
     print(f"{back}{line:<50}" if back else line, file=sys.stderr)
 
 

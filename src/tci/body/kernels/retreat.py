@@ -59,6 +59,58 @@ CHAIN = record(Chain, reads(2, int64), reads(2, int64), reads(4), reads(1, int64
 ROOM = record(Room, writes(3), writes(3), writes(3), writes(2))
 
 
+@inlined
+def _gap(point: Vector, p: int, layout: LayoutArrays, radius: float, found: Array) -> float:
+    """Returns the distance [m] of a point from the surface of patch `p`, in the frame of the patch's link.
+
+    For a point that is surely farther away than `radius` [m], a lower bound on the distance is returned
+    instead.
+    """
+    patch = layout.patches[p]
+    if patch.cells[0] > 0:
+        square = 0.0
+        for i in range(3):
+            low, size = patch.corner[i], patch.cells[i] / patch.cells_per_metre
+            outside = max(low - point[i], point[i] - low - size, 0.0)
+            square += outside * outside
+        if square > radius * radius:
+            bound: float = np.sqrt(square)
+            return bound
+    nearest(point, p, layout, found[0], found[1])
+    x, y, z = point[0] - found[0, 0], point[1] - found[0, 1], point[2] - found[0, 2]
+    distance: float = np.sqrt(x * x + y * y + z * z)
+    return distance
+
+
+@inlined
+def _depth(centre: Vector, p: int, layout: LayoutArrays, radius: float, near: Array, found: Array) -> float:
+    """Returns the greatest depth [m] by which patch `p` enters a sphere of `radius` [m], while the sphere's
+    centre moves from its last position to `centre` [m]. Depth at the start of the whole motion does not
+    count.
+
+    Positions are in the frame of the patch's link. `near` (5,) is the element of `Room.near` for this sphere
+    and patch; it contains the last position and is updated.
+    """
+    x, y, z = near[0], near[1], near[2]
+    u, v, w = centre[0] - x, centre[1] - y, centre[2] - z
+    near[0], near[1], near[2] = centre
+    length = np.sqrt(u * u + v * v + w * w)
+    depth: float = 0.0
+    done = 0.0
+    if length <= STILL:
+        return depth
+    while near[FREE] < length - done:
+        done = min(done + max(near[FREE], 0.5 * radius), length)
+        s = done / length
+        gap = _gap((x + s * u, y + s * v, z + s * w), p, layout, radius, found)
+        depth = max(depth, near[LIMIT] - gap)
+        near[FREE] = max(gap - near[LIMIT], 0.0)
+        if done >= length:
+            return depth
+    near[FREE] -= length - done
+    return depth
+
+
 @compiled(
     void(
         reads(2), CHAIN, reads(1, int64), reads(1, from_dtype(CONTACT)), LAYOUT, float64, ROOM, writes(3)
@@ -133,55 +185,3 @@ def retreats(
                         depth = max(depth, _depth(centre, patch, layout, radius, near, room.found))
                 if k > 0:
                     out[2, k - 1, c] = depth
-
-
-@inlined
-def _depth(centre: Vector, p: int, layout: LayoutArrays, radius: float, near: Array, found: Array) -> float:
-    """Returns the greatest depth [m] by which patch `p` enters a sphere of `radius` [m], while the sphere's
-    centre moves from its last position to `centre` [m]. Depth at the start of the whole motion does not
-    count.
-
-    Positions are in the frame of the patch's link. `near` (5,) is the element of `Room.near` for this sphere
-    and patch; it contains the last position and is updated.
-    """
-    x, y, z = near[0], near[1], near[2]
-    u, v, w = centre[0] - x, centre[1] - y, centre[2] - z
-    near[0], near[1], near[2] = centre
-    length = np.sqrt(u * u + v * v + w * w)
-    depth: float = 0.0
-    done = 0.0
-    if length <= STILL:
-        return depth
-    while near[FREE] < length - done:
-        done = min(done + max(near[FREE], 0.5 * radius), length)
-        s = done / length
-        gap = _gap((x + s * u, y + s * v, z + s * w), p, layout, radius, found)
-        depth = max(depth, near[LIMIT] - gap)
-        near[FREE] = max(gap - near[LIMIT], 0.0)
-        if done >= length:
-            return depth
-    near[FREE] -= length - done
-    return depth
-
-
-@inlined
-def _gap(point: Vector, p: int, layout: LayoutArrays, radius: float, found: Array) -> float:
-    """Returns the distance [m] of a point from the surface of patch `p`, in the frame of the patch's link.
-
-    For a point that is surely farther away than `radius` [m], a lower bound on the distance is returned
-    instead.
-    """
-    patch = layout.patches[p]
-    if patch.cells[0] > 0:
-        square = 0.0
-        for i in range(3):
-            low, size = patch.corner[i], patch.cells[i] / patch.cells_per_metre
-            outside = max(low - point[i], point[i] - low - size, 0.0)
-            square += outside * outside
-        if square > radius * radius:
-            bound: float = np.sqrt(square)
-            return bound
-    nearest(point, p, layout, found[0], found[1])
-    x, y, z = point[0] - found[0, 0], point[1] - found[0, 1], point[2] - found[0, 2]
-    distance: float = np.sqrt(x * x + y * y + z * z)
-    return distance

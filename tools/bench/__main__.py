@@ -82,8 +82,9 @@ def main() -> None:
         raise SystemExit(f"no case {', '.join(unknown)}; valid: {', '.join(CASES)}")
     found = {case: measure(case) for case in track(cases, "measuring", disable=None)}
     rows = [row for case in cases for row in found[case]]
+    on = conditions()
     show(
-        "Beside peers, in the same run: median, and spread of the ratio over all rounds",
+        f"Beside peers, in the same run ({on['processor']}): median, and spread of the ratio over all rounds",
         HEAD[:-1],
         [cells(row)[:-1] for row in rows],
     )
@@ -91,7 +92,7 @@ def main() -> None:
         if row["note"]:
             print(f"{row['name']}: {row['note']}")
     failed = [case for case in cases if not found[case]]
-    figures = {"on": conditions(), "rows": rows}
+    figures = {"on": on, "rows": rows}
     save("bench.json", figures)
     if not sys.argv[1:] and not failed:
         write_page(figures)

@@ -2,7 +2,7 @@
 
 Own thread time of perceiving, reflex, conversion and gate, on simulated robots whose forearms are poked at
 random taxels. Counted are the ticks from the first contact to the first command that carry a new frame or
-the command.
+the command. Python's garbage collector passes over what was there before, as in `tci.run`.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from measured import Measured, row
 
 import tci
+from tci.runtime.watchdogs import frozen_garbage
 
 ROBOTS = ("nao", "icub", "g1")
 SPAN, PAUSE = 60.0, 0.7
@@ -27,17 +28,20 @@ class _Ticks:
 
     idle: list[int] = field(default_factory=list)
     touched: list[int] = field(default_factory=list)
+    first: int = 0
+    """Time of the first tick with a command."""
 
 
 def ticks() -> list[Measured]:
-    """Rows of each robot, and the process's first command as a multiple of the median one."""
+    """Rows of each robot, and the tick with the process's first command as a multiple of the median one."""
     rows, first = [], None
     for name in ROBOTS:
         found = _of(name)
         idle = float(np.median(found.idle))
-        times = np.array(found.touched[1:] if first is None else found.touched) / 1e3
         if first is None:
-            first = found.touched[0] / 1e3, float(np.median(times))
+            found.touched.remove(found.first)
+            first = found.first / 1e3, float(np.median(found.touched)) / 1e3
+        times = np.array(found.touched) / 1e3
         for what, value, most in (
             ("median", float(np.median(times)), 4.0),
             ("p99", float(np.percentile(times, 99)), 8.0),
@@ -46,7 +50,10 @@ def ticks() -> list[Measured]:
             peer = "median tick with a new frame and no contact"
             rows.append(row(label, peer, [(value, idle / 1e3)], most_ratio=most))
     assert first is not None
-    return [*rows, row("the process's first tick of a touch", "median one", [first], most_ratio=1.5)]
+    return [
+        *rows,
+        row("the process's first command: its tick", "median tick of a touch", [first], most_ratio=1.5),
+    ]
 
 
 def _of(name: str) -> _Ticks:
@@ -54,7 +61,7 @@ def _of(name: str) -> _Ticks:
     body = tci.GenericBody(robot)
     found, pending, pokes = _Ticks(), list[int](), 0
     begin, before, answered = 0.3, None, True
-    with tci.connect(robot, "sim") as driver:
+    with tci.connect(robot, "sim") as driver, frozen_garbage():
         perceiver, memory, finger = tci.Perceiver(body), reflex.init(body), driver.world.finger
         for now in driver.ticks(duration=SPAN):
             if now >= begin:
@@ -81,5 +88,6 @@ def _of(name: str) -> _Ticks:
                 pending += [took] if fresh or commands else []
                 if commands:
                     found.touched += pending
+                    found.first = found.first or took
                     answered = True
     return found

@@ -1,0 +1,219 @@
+"""Trials in which a moving arm meets somebody who can't give way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from helpers.rigid_robot import Dirt, Person, RigidDriver, RigidRobot
+from tci.body.generic_body import GenericBody
+from tci.capabilities.capability import Capability
+from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode
+from tci.messages.frames import Array
+from tci.robot.description import Robot
+from tci.runtime.loop import run
+
+LASTS = 3.2
+"""Length of a trial [s]: the longest way to the person and 2 s of contact."""
+
+
+@dataclass(frozen=True)
+class Squeeze:
+    """What one trial draws."""
+
+    part: str
+    start: Array
+    goal: Array
+    """Generic angles (n,) [rad] of the part."""
+    mode: Mode
+    share: float
+    """Of the gate's full speed."""
+    stiffness: float
+    """[N/m]."""
+    link: str
+    point: Array
+    """(3,) [m] in the link's frame: where the robot strikes."""
+    at: Array
+    """(3,) [m] in the world: the middle of the person's surface, a sphere."""
+    rate: float
+    """Of readings and commands [Hz]."""
+    seed: int
+
+
+@dataclass(frozen=True)
+class Outcome:
+    first: float | None
+    """Time of the first contact [s]."""
+    peak: float
+    half: float
+    """Force [N] 0.5 s after the first contact."""
+    late: float
+    """Force [N] 2 s after."""
+    over: float
+    """Time above 65 N [s]."""
+    state: str
+    said: tuple[str, ...]
+    felt: bool
+    """Skin felt it."""
+
+
+class Reach(Capability[bool]):
+    """Moves one part to a posture, once, in any mode."""
+
+    def __init__(self, trial: Squeeze) -> None:
+        self.trial = trial
+
+    def init(self, body: GenericBody) -> bool:
+        return False
+
+    def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
+        return (SwitchMode(self.trial.part, self.trial.mode),)
+
+    def step(self, memory: bool, perception: Perception, body: GenericBody) -> tuple[tuple[Order, ...], bool]:
+        one = self.trial
+        if one.mode is Mode.VELOCITY:
+            way = one.goal - perception.posture[one.part]
+            speed = np.clip(4.0 * way, -one.share * 3.0, one.share * 3.0)
+            return (GenericCommand(one.part, Mode.VELOCITY, speed),), True
+        return (() if memory else (GenericCommand(one.part, one.mode, one.goal),)), True
+
+
+def draw(robot: Robot, seed: int, *, mode: Mode = Mode.POSITION, part: str = "") -> Squeeze:
+    """Draws a trial in which the person is clear of the robot at first, and met on the way."""
+    random = np.random.default_rng(seed)
+    while (one := _try(robot, seed, random, mode, part)) is None:
+        pass
+    return one
+
+
+def _try(robot: Robot, seed: int, random: np.random.Generator, mode: Mode, part: str) -> Squeeze | None:
+    arms = [one.name for one in robot.parts if one.kind == "arm"]
+    part = part or str(random.choice(arms))
+    start, goal = (_posture(robot, part, random) for _ in range(2))
+    stiffness = 75e3 if random.random() < 1 / 3 else float(np.exp(random.uniform(np.log(8e3), np.log(75e3))))
+    share = 1.0 if random.random() < 0.5 else float(random.uniform(0.2, 1.0))
+    rate = float(random.choice([100.0, 500.0]))
+    free = Squeeze(part, start, goal, mode, share, stiffness, "", np.zeros(3), np.zeros(3), rate, seed)
+    plant, path = _path(robot, free)
+    links = _links(robot, plant, part)
+    link = str(random.choice(links))
+    index = int(random.uniform(0.25, 0.75) * len(path))
+    vertices = _vertices(plant, link)
+    here, rotation = path[index][link]
+    after, turned = path[min(index + max(1, round(0.008 * free.rate)), len(path) - 1)][link]
+    moved = (after + vertices @ turned.T) - (here + vertices @ rotation.T)
+    ahead = moved.mean(axis=0)
+    if np.linalg.norm(ahead) < 2e-3:
+        return None
+    ahead /= np.linalg.norm(ahead)
+    # the foremost vertices strike first
+    world = here + vertices @ rotation.T
+    front = world @ ahead
+    k = int(random.choice(np.flatnonzero(front >= np.quantile(front, 0.9))))
+    at = world[k] + 0.03 * ahead
+    one = replace(free, link=link, point=vertices[k], at=at)
+    for pose in path[: max(2, index // 4) : 2]:
+        for name in links:
+            p, r = pose[name]
+            if np.linalg.norm(p + _vertices(plant, name) @ r.T - at, axis=1).min() < 0.031:
+                return None
+    return one
+
+
+def squeeze(robot: Robot, one: Squeeze, *, settings: Any = None, dirt: Dirt | None = None) -> Outcome:
+    """Runs a trial."""
+    plant = _plant(robot, one, dirt)
+    plant.place("person", one.at)
+    driver = RigidDriver(plant, settings=settings)
+    felt = [False]
+
+    def see(tick: Any) -> None:
+        felt[0] |= bool(len(tick.perception.contacts))
+
+    result = run(driver, Reach(one), duration=LASTS, observe=see)
+    force = plant.felt["person"]
+    first = force.first
+    said = [str(notice) for notice in (*result.refusals, *result.clamps, *result.holds)]
+    said += [str(result.reason)] if result.reason else []
+    return Outcome(
+        first, force.peak, 0.0 if first is None else force.at(first + 0.5),
+        0.0 if first is None else force.at(first + 2.0), force.above(65.0), result.state.name,
+        tuple(said), felt[0],
+    )  # fmt: skip
+
+
+def _posture(robot: Robot, part: str, random: np.random.Generator) -> Array:
+    found = robot.part(part)
+    low, high = [], []
+    for joint, middle in zip(found.servos, found.initial_posture, strict=True):
+        limits = None if joint.servo is None else robot.servos[joint.servo].limits
+        if limits is None or limits.lower is None or limits.upper is None:
+            low.append(middle), high.append(middle)
+        else:
+            reach = 0.4 * (limits.upper - limits.lower)
+            low.append(middle - reach), high.append(middle + reach)
+    return random.uniform(low, high)
+
+
+def _plant(robot: Robot, one: Squeeze, dirt: Dirt | None) -> RigidRobot:
+    from tci.body.posture import to_platform
+    from tci.robot.joint_map import initial_position
+
+    angles = np.array(initial_position(robot))
+    own = to_platform(robot, GenericCommand(one.part, Mode.POSITION, one.start), position=angles)
+    low = np.array([-np.inf if (x := robot.servos[s].limits.lower) is None else x for s in own.servos])
+    high = np.array([np.inf if (x := robot.servos[s].limits.upper) is None else x for s in own.servos])
+    angles[own.servos] = np.clip(own.values, low + 1e-3, high - 1e-3)
+    person = Person("person", one.stiffness)
+    return RigidRobot(robot, people=[person], dirt=dirt, seed=one.seed, angles=angles, rate=one.rate)
+
+
+def _path(robot: Robot, one: Squeeze) -> tuple[RigidRobot, list[dict[str, tuple[Array, Array]]]]:
+    """The plant, and the links' poses every period, with nobody in the way."""
+    plant = _plant(robot, one, None)
+    path: list[dict[str, tuple[Array, Array]]] = []
+    names = [plant.model.body(k).name for k in plant._own]
+
+    def see(_: Any) -> None:
+        path.append({name: plant.link_pose(name) for name in names})
+
+    run(RigidDriver(plant), Reach(one), duration=1.2, observe=see)
+    return plant, path
+
+
+def _links(robot: Robot, plant: RigidRobot, part: str) -> list[str]:
+    """Links with a solid that at least two of the part's joints move."""
+    joints = {robot.servos[one.servo].joint for one in robot.part(part).servos if one.servo is not None}
+    model, found = plant.model, []
+    for body in plant._own:
+        if not model.body_geomnum[body]:
+            continue
+        moved, up = 0, body
+        while up:
+            for joint in range(model.body_jntadr[up], model.body_jntadr[up] + model.body_jntnum[up]):
+                moved += model.joint(joint).name in joints
+            up = model.body_parentid[up]
+        if moved >= 2:
+            found.append(model.body(body).name)
+    return found
+
+
+def _vertices(plant: RigidRobot, link: str) -> Array:
+    """Points (n, 3) [m] on a link's solids, in its frame."""
+    model, found = plant.model, []
+    body = model.body(link).id
+    for geom in range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body]):
+        rotation = np.empty(9)
+        mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = model.geom_dataid[geom]
+            adr, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+            points = model.mesh_vert[adr : adr + count]
+        else:
+            random = np.random.default_rng(0).normal(size=(64, 3))
+            points = model.geom_aabb[geom, 3:] * random / np.abs(random).max(axis=1, keepdims=True)
+        found.append(model.geom_pos[geom] + points @ rotation.reshape(3, 3).T)
+    return np.concatenate(found)

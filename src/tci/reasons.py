@@ -97,6 +97,8 @@ class Code(IntEnum):
     """The driver is read-only, or the robot has not been read yet."""
     CLAMPED = 511
     """A value outside the limits was replaced by the nearest value within the limits."""
+    CONTACT = 513
+    """A part met something on its way, or is still held there."""
     SWITCHES_AT_REST = 512
     """A moving servo is braked, and changes its control mode when it rests."""
 

@@ -359,7 +359,7 @@ def test_after_a_stop_that_bent_the_robot_it_goes_on_from_where_it_is() -> None:
 
 
 def test_a_stalled_servo_stops_the_robot() -> None:
-    gate = Gate(ROBOT, period=PERIOD, stale_after=0.05)
+    gate = Gate(ROBOT, period=PERIOD, stale_after=0.05, settings=GateSettings(contact=None))
     states = []
     for step in range(600):
         now = step * PERIOD

@@ -34,6 +34,7 @@ from pool import COMMITS
 from recordings import killed, minute
 from report import commit, save, show
 from row import HEAD, Row, write_page
+from squeezed import squeezed
 from stream import yarp_skin
 from timing import one_kilohertz
 from whole_arm import whole_arm
@@ -44,7 +45,7 @@ from wires import wires
 ROWS: dict[str, Callable[[bool], Row]] = {
     one.__name__: one
     for one in (
-        limits, plant, bodies, moves_away, whole_arm, non_finite, heartbeat, one_kilohertz, loop,
+        limits, plant, squeezed, bodies, moves_away, whole_arm, non_finite, heartbeat, one_kilohertz, loop,
         false_reflexes, descriptions, guided, heartbeats, wires, dropped, killed, minute, yarp_skin,
         yarp_kills, mutation, branches, exposure, felt_places, felt_nothing, felt_reflex,
         unitree_kills, unitree_messages, unitree_hostile, unitree_faults, unitree_motion,

@@ -20,9 +20,12 @@ from collections.abc import Sequence
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tci.errors import CommandError, DriverError, TciError
 from tci.gate.acceptance import fault_of_reading
+from tci.gate.contact import ContactReaction
+from tci.gate.joint_group import groups_of
 from tci.gate.joint_monitor import JointMonitor
 from tci.gate.motion import Motion
 from tci.gate.safe_command import GateState as GateState
@@ -31,7 +34,7 @@ from tci.gate.safe_command import SafeCommand as SafeCommand
 from tci.gate.settings import GateCounts as GateCounts
 from tci.gate.settings import GateSettings as GateSettings
 from tci.gate.settings import Tally
-from tci.messages import JointReading, Mode, PlatformOrder
+from tci.messages import Contacts, JointReading, Mode, PlatformOrder
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
@@ -47,6 +50,13 @@ STEADY = 0.1
 """Largest relative difference at which two successive intervals between calls of `step` count as equal. If
 two equal intervals are too long, the gate reports that the loop runs at another rate. Assumed: on a busy
 machine, two long intervals differ more."""
+UNFIT = frozenset(
+    {
+        Code.OPPOSED_MOTION, Code.ENCODER_JUMPED, Code.ENCODER_FROZEN, Code.ENCODER_DISAGREES, Code.SERVO_OFF,
+        Code.SERVO_MODE, Code.JOINTS_REPEATED,
+    }
+)  # fmt: skip
+"""Causes of a stop after which no way back is known: angles or servos are not what they seem."""
 _log = logging.getLogger("tci")
 
 
@@ -97,8 +107,11 @@ class Gate:
         )
         monitor = self._settings.monitor
         self._monitor = None if monitor is None else JointMonitor(robot, monitor)
+        contact = self._settings.contact
+        self._contact = None if contact is None else ContactReaction(robot, groups_of(robot), contact)
         self._stopped: Reason | None = None
         self._held: Reason | None = None
+        self._told: list[Reason] = []
         self._credit, self._before = 1.0, -np.inf
         self._pace: float | None = 0.0  # latest delay of a loop that was never on time [periods]
         self.drop()
@@ -184,6 +197,11 @@ class Gate:
         """
         if self._motion.moves:
             raise CommandError("the robot has not come to rest yet; valid: reset at rest")
+        if self._contact is not None and (touched := self._contact.touched):
+            raise CommandError(
+                f"{', '.join(touched)} is still in contact; valid: reset when nothing presses",
+                code=Code.CONTACT,
+            )
         self._stopped = None
         self.drop()
         if self._monitor is not None:
@@ -198,6 +216,8 @@ class Gate:
         """
         if self._monitor is not None:
             self._monitor.forget()
+        if self._contact is not None:
+            self._contact.forget()
         self._motion.drop()
         self._reference = self._motion.reference
         self._torque = np.zeros(len(self._reference.servos))
@@ -209,6 +229,7 @@ class Gate:
         now: float,
         *,
         refused: Sequence[Reason] = (),
+        contacts: Contacts | None = None,
     ) -> SafeCommand:
         """Returns the command that a driver may write at time `now` [s].
 
@@ -224,9 +245,9 @@ class Gate:
         These reasons are reported and counted too.
         """
         self._tally.steps += 1
-        reason = self.reason = self._judge(joints, now)
+        reason = self.reason = self._judge(joints, now, contacts)
         refusals = list(refused)
-        clamped: list[Reason] = []
+        clamped: list[Reason] = [*self._told]
         taken: list[PlatformOrder] = []
         if not reason:
             late_clamps, late_refusals = self._motion.settle(now)
@@ -239,6 +260,7 @@ class Gate:
                 if not isinstance(command, PlatformOrder):
                     words = f"a {type(command).__name__} is not in the robot's own joints"
                     raise CommandError(f"{words}; valid: the result of GenericBody.to_platform")
+                self._check_contact(command)
                 clamped += self._motion.accept(command, now)
                 taken.append(command)
             except CommandError as error:
@@ -278,7 +300,7 @@ class Gate:
             )
         self._issued = None
 
-    def _judge(self, joints: JointReading, now: float) -> Reason | None:
+    def _judge(self, joints: JointReading, now: float, contacts: Contacts | None) -> Reason | None:
         """Checks a joint reading at the time `now` [s], and sets the state of the gate (RUN, HOLD or STOP).
         Returns the reason why nothing may move now; None if the robot may move."""
         if -math.inf < now < self._before - self._period:
@@ -291,10 +313,13 @@ class Gate:
         else:
             # also in the state STOP: a joint must not be braked on the basis of wrong data
             monitor = self._monitor
-            if monitor is not None and (fault := monitor.step(joints, self._reference, self._torque)):
+            if monitor is not None and (
+                fault := monitor.step(joints, self._reference, self._torque, excused=self._blocked)
+            ):
                 self.stop(fault)
             self._motion.see(joints, now, believed=monitor is None or not monitor.misled)
             reason = self._motion.fault_of_age(now, self._stale_after)
+        ways = self._answer(joints, now, contacts) if not reason else ()
         reason, self._held = reason or self._held, None
         if self._stopped:
             self.state, reason = GateState.STOP, self._stopped
@@ -304,8 +329,36 @@ class Gate:
         else:
             self.state = GateState.RUN
         if reason:
-            self._motion.halt()
+            self._motion.halt(self._blocked)
+        for servos, angles in ways:
+            self._motion.retreat(servos, angles)
         return reason
+
+    def _answer(
+        self, joints: JointReading, now: float, contacts: Contacts | None
+    ) -> Sequence[tuple[NDArray[np.intp], Array]]:
+        """Judges contacts; returns where servos must go, also in the state STOP: a person is freed whatever
+        the cause of the stop, unless the joint data can't be trusted."""
+        self._told = []
+        if self._contact is None or (self._stopped is not None and self._stopped.code in UNFIT):
+            return ()
+        ways, self._told = self._contact.step(joints, self._reference, now, contacts)
+        if self._contact.reason is not None:
+            self.stop(self._contact.reason)
+        return ways
+
+    @property
+    def _blocked(self) -> frozenset[int]:
+        """Servos that a contact moves now."""
+        return frozenset() if self._contact is None else self._contact.blocked
+
+    def _check_contact(self, command: PlatformOrder) -> None:
+        if self._contact is None or self._blocked.isdisjoint(np.ravel(command.servos).tolist()):
+            return
+        parts = ", ".join(self._contact.touched) or self.robot.servos[int(command.servos[0])].robot_part
+        raise CommandError(
+            f"{parts} met something; valid: commands half a second after the contact", code=Code.CONTACT
+        )
 
     def _is_due(self, now: float) -> bool:
         """Returns True if a step is due at `now` [s]: at most one step per period, and never several steps at

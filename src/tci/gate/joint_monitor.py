@@ -7,6 +7,7 @@ command, an encoder that jumps or freezes, or identical data with new stamps.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
@@ -134,12 +135,21 @@ class JointMonitor:
             np.array([zeros, never, -never, never]), self._worst,
         )  # fmt: skip
         self._other_mode: dict[int, float] = {}
+        self._sent: deque[tuple[float, Array]] = deque()
 
-    def step(self, joints: JointReading, reference: Reference, torque: Array | None = None) -> Reason | None:
+    def step(
+        self,
+        joints: JointReading,
+        reference: Reference,
+        torque: Array | None = None,
+        *,
+        excused: frozenset[int] = frozenset(),
+    ) -> Reason | None:
         """Checks a usable reading. Returns the reason why the robot must stop; None if the robot follows its
         reference.
 
-        `reference` and `torque` (k,) [N m] must be the values that were valid when the reading was taken.
+        `reference` and `torque` (k,) [N m] must be the values that were valid when the reading was taken. The
+        servos in `excused` need not follow now: they met something, and the gate moves them away from it.
         Call this method once per control period.
         """
         before, self._before = self._before or joints, joints
@@ -147,9 +157,14 @@ class JointMonitor:
         if reference.modes != self._modes:
             self._sort(reference.modes)
         pushed = np.zeros(len(reference.servos)) if torque is None else torque
+        kinds = self._kinds
+        if excused:
+            kinds = kinds.copy()
+            kinds[0, np.isin(reference.servos, [*excused])] = False
+        sent = np.array([reference.position, reference.velocity, self._lagging(reference, joints.stamp)])
         found = judge_reading(
-            self._arrays, reference.servos, self._kinds, reference.position, reference.velocity, pushed,
-            joints.position, joints.velocity, joints.stamp, elapsed,
+            self._arrays, reference.servos, kinds, sent, pushed, joints.position, joints.velocity,
+            joints.stamp, elapsed,
         )  # fmt: skip
         if not elapsed > 0.0:
             self._fresh = min(self._fresh, joints.stamp)
@@ -166,6 +181,17 @@ class JointMonitor:
             return self._misled_by(found, reference)
         fault = self._fault_of_state(joints, reference)
         return fault if fault is not None or found == FOLLOWS else self._fault_of_motion(found, reference)
+
+    def _lagging(self, reference: Reference, stamp: float) -> Array:
+        """References (k,) [rad] that even a slow servo must have begun to follow."""
+        whole = np.full(len(self._names), np.nan)
+        whole[reference.servos] = reference.position
+        sent = self._sent
+        sent.append((stamp, whole))
+        while len(sent) > 1 and sent[1][0] <= stamp - self.settings.lag:
+            sent.popleft()
+        lagging: Array = sent[0][1][reference.servos]
+        return np.where(np.isfinite(lagging), lagging, reference.position)
 
     def _jumped(self, elapsed: float) -> Reason:
         """Returns the reason to stop for an angle that changed too much within `elapsed` [s]."""

@@ -153,13 +153,26 @@ class Motion:
         since = f"for {age * 1e3:.0f} ms" if age < np.inf else "yet"
         return Reason(Code.JOINTS_STALE, f"no new joint data {since}")
 
-    def halt(self) -> None:
-        """Stops all servos within their limits, and removes all targets, velocities and commanded torques,
-        and all switches that wait for rest."""
+    def halt(self, kept: AbstractSet[int] = frozenset()) -> None:
+        """Stops all servos but those that move with `kept` within their limits, and removes all targets,
+        velocities and commanded torques, and all switches that wait for rest."""
         self._let_go({servo for switch in self._waiting for servo in switch.servos})
         for chain in self.groups.chains:
-            chain.limiter.halt()
+            if kept.isdisjoint(chain.servos):
+                chain.limiter.halt()
         self._torque.halt()
+
+    def retreat(self, servos: NDArray[np.intp], angles: Array) -> None:
+        """Sends servos to `angles` (k,) [rad] on the gate's own order, in whichever mode they are."""
+        for chain in self.groups.chains:
+            mine = np.isin(servos, chain.servos)
+            if not mine.any():
+                continue
+            limiter, places = chain.limiter, chain.places(servos[mine].tolist())
+            limiter.drive_at(places, np.full(len(places), np.nan))
+            target, speed = limiter.target.copy(), limiter.speed.copy()
+            target[places], speed[places] = angles[mine], limiter.bounds.velocity[places]
+            limiter.aim(limiter.bounds.inside(target), speed)
 
     def drop(self) -> None:
         """Ends the command of all servos. Control modes do not change: servos in torque mode stay in torque

@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from tci.errors import TciError
+from tci.gate.contact import ContactSettings
 from tci.gate.joint_monitor import MonitorSettings
 from tci.gate.self_collision import MARGIN as BODY_MARGIN
 
@@ -30,6 +31,10 @@ class GateSettings:
     monitor: MonitorSettings | None = field(default_factory=MonitorSettings)
     """Thresholds of the check that the robot follows its reference. None disables the check. Use None only if
     another gate makes this check."""
+
+    contact: ContactSettings | None = field(default_factory=ContactSettings)
+    """When a contact counts, and how the gate answers it. None disables the answer. Use None only if another
+    gate answers."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.speed_share <= 1.0:

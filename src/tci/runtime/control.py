@@ -168,7 +168,10 @@ class Control:
         platform, refused = cast("Sequence[PlatformOrder]", orders), list[Reason]()
         if self.body is not None:
             platform, refused = self.body.to_platform(orders, joints)
-        sent = self._sent = self.driver.gate.step(platform, joints, moment.now, refused=refused)
+        contacts = None if moment.perception is None else moment.perception.contacts
+        sent = self._sent = self.driver.gate.step(
+            platform, joints, moment.now, refused=refused, contacts=contacts
+        )
         if self._write is not None:
             self._write(sent)
         if self._see is not None and self._perception is not None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from tci.gate.gate import Gate, SafeCommand
 from tci.gate.immovable import Immovable
-from tci.messages import JointReading, PlatformOrder
+from tci.messages import Contacts, JointReading, PlatformOrder
 from tci.reasons import Code, Reason
 from tci.robot.description import Limits, Robot
 
@@ -43,6 +43,7 @@ class PartialGate(Gate):
         now: float,
         *,
         refused: Sequence[Reason] = (),
+        contacts: Contacts | None = None,
     ) -> SafeCommand:
         kept: list[PlatformOrder] = []
         why = [*refused]
@@ -53,7 +54,7 @@ class PartialGate(Gate):
                 kept.append(left)
             else:
                 why.append(reason)
-        return super().step(kept, joints, now, refused=why)
+        return super().step(kept, joints, now, refused=why, contacts=contacts)
 
     def _refusal(self, order: PlatformOrder) -> Reason | None:
         """Returns the reason to refuse an order if it moves a servo that the connection can't move. Otherwise

@@ -17,8 +17,8 @@ def since(begin: Array, holds: Array, now: float) -> Array:
 
 
 def oracle(
-    judged: Array, now: Array, before: Array, position: Array, velocity: Array, stamp: float, elapsed: float,
-    memory: Array,
+    judged: Array, now: Array, before: Array, position: Array, velocity: Array, lagging: Array, stamp: float,
+    elapsed: float, memory: Array,
 ) -> tuple[int, int]:  # fmt: skip
     """Returns the fault and the servo with the fault, for servos that are all commanded."""
     following, lag, patience, opposing, least, repeat, travel = SETTINGS
@@ -35,7 +35,7 @@ def oracle(
     begins = ~(repeats & np.isfinite(memory[2]))
     memory[3][begins] = position[begins]
     lasted = since(memory[2], repeats, stamp)
-    frozen = (lasted > repeat) & (np.abs(position - memory[3]) > travel)
+    frozen = (lasted > repeat) & (np.minimum(np.abs(position - memory[3]), np.abs(lagging - now)) > travel)
     return (at.FROZEN, int(np.argmax(frozen))) if frozen.any() else (at.FOLLOWS, -1)
 
 
@@ -53,11 +53,13 @@ def test_it_finds_what_numpy_finds(seed: int) -> None:
         if k % 10 == 0:
             velocity = random.choice([0.0, 0.3, -0.3, 1.0], n)
             moving = random.choice([1.0, 1.0, 0.0, -1.0, 0.5], n)
-        position = position + step * velocity
+        position, lagging = position + step * velocity, position
         before, measured = measured, measured + (step * velocity * moving if k >= 10 else 0.0)
-        wanted = oracle(judged, measured, before, position, velocity, step * k, step, memories[0])
+        wanted = oracle(judged, measured, before, position, velocity, lagging, step * k, step, memories[0])
         readings = np.array([measured, velocity, before, velocity])
-        seen = (servos, np.array([judged, judged]), readings, position, velocity, SETTINGS, step * k, step)
+        kinds = np.array([judged, judged])
+        sent = np.array([position, velocity, lagging])
+        seen = (servos, kinds, readings, sent, SETTINGS, step * k, step)
         plain = np.zeros(2)
         in_python = at.judge_motion.py_func(*seen, memories[2], plain)
         got = at.judge_motion(*seen, memories[1], worst)
@@ -152,7 +154,7 @@ def test_a_reading_is_noted_and_an_angle_that_jumps_is_found(elapsed: float) -> 
     limits = np.array([[2.0] * count, [10.0] * count, [1.0, 1.0, np.inf, 1.0]])
     readings, worst = np.zeros((4, count)), np.zeros(2)
     settings, memory, drifts = np.array([*TOLD, 0.05]), np.zeros((4, count)), np.zeros((4, count))
-    none = np.zeros(0, np.intp), np.zeros((2, 0), bool), *[np.zeros(0)] * 3
+    none = np.zeros(0, np.intp), np.zeros((2, 0), bool), np.zeros((3, 0)), np.zeros(0)
     for _ in range(60):
         before = readings.copy()
         angles, speeds = (
@@ -164,6 +166,8 @@ def test_a_reading_is_noted_and_an_angle_that_jumps_is_found(elapsed: float) -> 
         assert readings.tolist() == np.array([angles, speeds, before[at.ANGLE], before[at.SPEED]]).tolist()
         change = np.abs(angles - before[at.ANGLE])
         beyond = change - (limits[at.FASTEST] * max(elapsed, 1e-9) + 0.05)
+        led = 0.5 * (speeds + before[at.SPEED]) * elapsed  # the way that the velocity tells
+        beyond[np.abs(angles - before[at.ANGLE] - led) <= 0.05] = -1.0
         jumped = elapsed > 0.0 and bool((beyond > 0.0).any())
         assert got == (at.JUMPED if jumped else at.FOLLOWS)
         if jumped:

@@ -18,6 +18,7 @@ from tci.errors import CommandError, DriverError, UnknownNameError
 from tci.gate.gate import GateState
 from tci.lab.faults.fault_injector import FaultPlan, parse_fault
 from tci.lab.faults.injectors import INJECTORS
+from tci.reasons import Code
 from tci.simulation.world import World
 
 
@@ -99,19 +100,18 @@ def test_19_wrong_direction(driver: SimulatedDriver) -> None:
 
 
 def test_20_stale_encoder(driver: SimulatedDriver) -> None:
-    assert Rehearsal(driver, "stale-encoder").stopped_after() < 0.3
+    assert Rehearsal(driver, "stale-encoder").stopped_after() < 0.4
 
 
 def test_21_stall(driver: SimulatedDriver) -> None:
+    """A joint that is held is a contact: the part goes back, and the reference stays near the joint."""
     done = Rehearsal(driver, "stall")
-    stopped = done.stopped_after()
-    settings = driver.gate.settings.monitor
-    for tick in done.ticks:
-        error = np.abs(tick.sent.position - tick.reading.joints.position[tick.sent.servos])
-        if (error > settings.following_error + settings.lag * np.abs(tick.sent.velocity)).any():
-            assert stopped <= tick.now - AT + settings.patience + 0.05
-            return
-    raise AssertionError("the error never was too large")
+    told = [tick.now - AT for tick in done.ticks for one in tick.sent.clamped if one.code is Code.CONTACT]
+    assert told
+    assert told[0] < 0.3
+    last = done.ticks[-1]
+    error = np.abs(last.sent.position - last.reading.joints.position[last.sent.servos])
+    assert error.max() < np.deg2rad(6.0)
 
 
 def test_22_servo_off(driver: SimulatedDriver) -> None:

@@ -75,6 +75,9 @@ def _jump(readings: Array, limits: Array, step: float, elapsed: float, worst: Ar
     for i in range(readings.shape[1]):
         change = abs(readings[ANGLE, i] - readings[ANGLE_BEFORE, i])
         beyond = change - (limits[FASTEST, i] * elapsed + step)
+        mean = 0.5 * (readings[SPEED, i] + readings[SPEED_BEFORE, i])
+        if abs(readings[ANGLE, i] - readings[ANGLE_BEFORE, i] - mean * elapsed) <= step:
+            continue  # a blow, or a joint that really is too fast: angle and velocity agree
         if beyond > most:
             most, worst[0], worst[1] = beyond, i, change
     return most > 0.0
@@ -85,8 +88,7 @@ def judge_motion(
     servos: Array,
     kinds: Array,
     readings: Array,
-    position: Array,
-    velocity: Array,
+    sent: Array,
     settings: Array,
     now: float,
     elapsed: float,
@@ -97,12 +99,14 @@ def judge_motion(
     reference), OPPOSED (moves against the reference) or FROZEN (the angle stays constant while the reference
     moves).
 
-    `position` [rad] and `velocity` [rad/s] (k,) are the references of `servos` (k,); `kinds` shows which of
-    these must follow them. `readings` (4, n_servos) are angles [rad] and velocities [rad/s] at `now` [s],
-    then those `elapsed` [s] earlier. `memory` (4, n_servos) is kept from call to call. In case of a fault,
-    writes into `worst` (2,) the index of the servo in `servos` and, except for OPPOSED, an angle [rad]: the
-    distance from the reference (LATE) or the motion of the reference (FROZEN).
+    The rows of `sent` (3, k) are the references [rad] of `servos` (k,), their velocities [rad/s] and the
+    references a lag ago [rad]; `kinds` shows which servos must follow them. `readings` (4, n_servos) are
+    angles [rad] and velocities [rad/s] at `now` [s], then those `elapsed` [s] earlier. `memory` (4, n_servos)
+    is kept from call to call. In case of a fault, writes into `worst` (2,) the index of the servo in `servos`
+    and, except for OPPOSED, an angle [rad]: the distance from the reference (LATE) or the motion of the
+    reference (FROZEN).
     """
+    position, velocity, lagging = sent[0], sent[1], sent[2]
     longest = -1.0
     for k in range(len(servos)):
         servo = servos[k]
@@ -133,6 +137,8 @@ def judge_motion(
         if not begin < now:
             memory[ORIGIN, servo] = position[k]
         way = abs(position[k] - memory[ORIGIN, servo])
+        # at the start of a motion a healthy joint stands too, until it has to follow even with its lag
+        way = min(way, abs(lagging[k] - readings[ANGLE, servo]))
         if found == FOLLOWS and now - begin > settings[LONGEST_REPEAT] and way > settings[TRAVEL]:
             found, worst[0], worst[1] = FROZEN, k, way
     return found
@@ -203,20 +209,19 @@ def judge_velocity(
 
 @compiled(
     int64(
-        MONITOR, views(1, int64), views(2, boolean), views(1), views(1), views(1), views(1), views(1),
-        float64, float64,
+        MONITOR, views(1, int64), views(2, boolean), views(2), views(1), views(1), views(1), float64, float64,
     )
 )  # fmt: skip
 def judge_reading(
-    monitor: tuple[Array, ...], servos: Array, kinds: Array, position: Array, velocity: Array, torque: Array,
-    angles: Array, speeds: Array, now: float, elapsed: float,
+    monitor: tuple[Array, ...], servos: Array, kinds: Array, sent: Array, torque: Array, angles: Array,
+    speeds: Array, now: float, elapsed: float,
 ) -> int:  # fmt: skip
     """Checks a joint reading for faults: `angles` [rad] and `speeds` [rad/s] (n_servos,) of all servos,
     measured at the time `now` [s].
 
     Returns the fault as one of the numbers LATE to JUMPED; FOLLOWS if there is no fault. `elapsed` [s] is the
-    time since the previous reading. If `elapsed` is 0 or less, the reading is only stored. `position` [rad],
-    `velocity` [rad/s] and `torque` [N m] (k,) were sent to the servos with the indices `servos` (k,). `kinds`
+    time since the previous reading. If `elapsed` is 0 or less, the reading is only stored. `sent` is
+    explained at `judge_motion`, and `torque` (k,) [N m] was sent to the `servos` (k,). `kinds`
     (2, k) has the rows FOLLOWED and LOOSE; `monitor` contains the arrays listed at `MONITOR`.
     """
     limits, settings, readings, memory, drifts, worst = monitor
@@ -230,4 +235,4 @@ def judge_reading(
     found = judge_velocity(servos, kinds, readings, torque, limits, settings, now, elapsed, drifts, worst)
     if found != FOLLOWS:
         return found
-    return judge_motion(servos, kinds, readings, position, velocity, settings, now, elapsed, memory, worst)
+    return judge_motion(servos, kinds, readings, sent, settings, now, elapsed, memory, worst)

@@ -1,0 +1,174 @@
+"""A part that meets somebody goes back, frees them without help, and obeys nobody meanwhile.
+
+The judge is a plant of rigid bodies that shares nothing with the gate (`helpers.rigid_robot`).
+"""
+
+from __future__ import annotations
+
+import ast
+
+import numpy as np
+import pytest
+
+from helpers import HELPERS
+from helpers.gate_checks import PERIOD, make_robot, position_command, reading
+from helpers.rigid_robot import RigidDriver, RigidRobot
+from helpers.squeezed import draw, squeeze
+from tci.body.generic_body import GenericBody
+from tci.capabilities.capability import Capability
+from tci.errors import CommandError
+from tci.gate.contact import ContactSettings
+from tci.gate.gate import Gate, GateSettings, GateState
+from tci.messages import GenericCommand, Mode, Order, Perception, PlatformOrder
+from tci.messages.frames import Array
+from tci.reasons import Code
+from tci.robot.catalogue import load_robot
+from tci.runtime.loop import run
+
+ZERO = [0.0] * 6
+ALONE = GateSettings(contact=None)
+ANSWERS = GateSettings(contact=ContactSettings())
+
+
+class Held:
+    """Joints that follow at once, of which one can't pass an angle and pushes back from there."""
+
+    def __init__(self, *, at: float = 0.5, settings: GateSettings = ANSWERS) -> None:
+        self.gate = Gate(make_robot(), period=PERIOD, stale_after=0.05, settings=settings)
+        self.angles, self.at, self.now = np.zeros(6), at, 0.0
+        self.told: list[str] = []
+        self.refused: list[Code] = []
+
+    def step(self, *orders: PlatformOrder) -> Array:
+        safe = self.gate.step(orders, reading(self.angles, self.now), self.now)
+        self.angles[safe.servos] = safe.position
+        self.angles[2] = min(self.angles[2], self.at)
+        self.told += [one.text for one in safe.clamped if one.code is Code.CONTACT]
+        self.refused += [one.code for one in safe.refusals]
+        self.now += PERIOD
+        self.sent = dict(zip(safe.servos.tolist(), safe.position.tolist(), strict=True))
+        return safe.position
+
+
+def test_a_held_joint_goes_back_and_is_told() -> None:
+    held = Held()
+    held.step(position_command([2], [1.5]))
+    for _ in range(800):
+        held.step()
+    assert held.told
+    assert "joint2 is held" in held.told[0]
+    assert held.sent[2] < held.at - np.deg2rad(2.0), "nothing presses"
+    assert held.gate.state is GateState.RUN
+
+
+def test_without_the_answer_it_presses_for_ever() -> None:
+    held = Held(settings=ALONE)
+    held.step(position_command([2], [1.5]))
+    for _ in range(800):
+        held.step()
+    assert held.sent[2] > held.at + np.deg2rad(6.0)
+
+
+def test_nobody_else_moves_the_part_until_the_contact_is_over() -> None:
+    held = Held()
+    held.step(position_command([2], [1.5]))
+    while not held.told:
+        held.step()
+    held.step(position_command([2], [1.5]))
+    assert held.refused == [Code.CONTACT]
+    for _ in range(1200):
+        held.step()
+    held.step(position_command([2], [0.2]))
+    assert held.refused == [Code.CONTACT]
+    for _ in range(800):
+        held.step()
+    assert held.sent[2] == pytest.approx(0.2)
+
+
+def test_a_behaviour_that_insists_is_stopped_and_the_joint_freed() -> None:
+    held = Held()
+    for _ in range(1500):
+        held.step(position_command([2], [1.5]))
+    assert held.gate.state is GateState.STOP
+    assert held.gate.reason is not None
+    assert held.gate.reason.code is Code.CONTACT
+    assert held.sent[2] < held.at
+
+
+def test_reset_moves_nothing_and_waits_for_the_contact_to_end() -> None:
+    held = Held()
+    held.step(position_command([2], [1.5]))
+    while not held.told:
+        held.step()
+    held.gate.stop("an operator's button")
+    for _ in range(20):
+        held.step()
+    with pytest.raises(CommandError, match=r"in contact|at rest"):
+        held.gate.reset()
+    for _ in range(1200):
+        held.step()
+    assert held.sent[2] < held.at, "freed although the gate had stopped for another cause"
+    held.gate.reset()
+
+
+def test_a_resting_arm_that_is_pushed_by_hand_does_not_retreat() -> None:
+    held = Held(at=10.0)
+    held.step(position_command([2], [0.5]))
+    for _ in range(1200):
+        held.step()
+    pushed = held.angles.copy()
+    pushed[2] += np.deg2rad(4.0)
+    for _ in range(100):
+        safe = held.gate.step((), reading(pushed, held.now), held.now)
+        held.now += PERIOD
+        assert not safe.clamped
+        assert safe.position[0] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("name", "seed"), [("icub", 0), ("icub", 5), ("nao", 1), ("nao", 4)])
+def test_a_clamped_person_is_freed(name: str, seed: int) -> None:
+    """65 N is the least quasi-static limit of ISO/TS 15066; bare links of stiff servos stay above it for up
+    to 0.35 s."""
+    robot = load_robot(name)
+    trial = draw(robot, seed)
+    before = squeeze(robot, trial, settings=ALONE)
+    assert before.late > (15.0 if before.felt else 12.0), "this trial shows nothing"
+    after = squeeze(robot, trial, settings=ANSWERS)
+    assert after.half <= 65.0
+    assert after.late <= 15.0
+    assert after.over <= 0.35
+    assert after.state == "RUN"
+
+
+class Waves(Capability[int]):
+    """Moves both arms at full speed to random postures."""
+
+    def init(self, body: GenericBody) -> int:
+        return 0
+
+    def step(self, memory: int, perception: Perception, body: GenericBody) -> tuple[tuple[Order, ...], int]:
+        random = np.random.default_rng(memory)
+        arms = [part for part in body.robot.parts if part.kind == "arm"] if memory % 80 == 0 else []
+        goals = [arm.initial_posture + random.uniform(-0.6, 0.6, len(arm.initial_posture)) for arm in arms]
+        orders = [
+            GenericCommand(arm.name, Mode.POSITION, goal) for arm, goal in zip(arms, goals, strict=True)
+        ]
+        return tuple(orders), memory + 1
+
+
+@pytest.mark.parametrize(("name", "rate"), [("icub", 100.0), ("nao", 50.0), ("nao", 500.0)])
+def test_healthy_but_late_coarse_and_dirty_robots_meet_nothing(name: str, rate: float) -> None:
+    for seed in range(2):
+        plant = RigidRobot(load_robot(name), seed=seed, rate=rate)
+        with RigidDriver(plant, settings=ANSWERS) as driver:
+            result = run(driver, Waves(), duration=6.0)
+        assert result.state is GateState.RUN, result
+        assert not [one for one in result.clamps if one.code is Code.CONTACT], result
+        assert result.moved, "a robot that stands still shows nothing"
+
+
+def test_the_judge_is_a_stranger() -> None:
+    for name in ("rigid_robot", "squeezed"):
+        tree = ast.parse((HELPERS / f"{name}.py").read_text())
+        imported = {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+        assert not [one for one in imported if one.startswith(("tci.gate", "tci.simulation"))]

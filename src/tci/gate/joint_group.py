@@ -60,14 +60,15 @@ class JointGroup:
         """Sets the targets of those servos of a valid command (k,) that belong to the group: the commanded
         angles, or the nearest angles that the bounds allow. Writes the targets into `sent` (k,) [rad]."""
         limiter, values, speeds = self.limiter, command.values.tolist(), command.speed.tolist()
-        target, speed, free = limiter.target.tolist(), limiter.speed.tolist(), [False] * len(self.servos)
+        target, speed = limiter.target.copy(), limiter.speed.copy()
+        free = np.zeros(len(target), np.bool_)
         mine = [(row, self.place.get(servo)) for row, servo in enumerate(command.servos.tolist())]
         rows = [(row, place) for row, place in mine if place is not None]
         for row, place in rows:
             target[place], free[place] = values[row], True
             speed[place] = min(speeds[row], self.fastest[place])
-        nearest = limiter.bounds.nearest(np.array(target), np.array(free))
-        limiter.aim(nearest, np.array(speed))
+        nearest = limiter.bounds.nearest(target, free)
+        limiter.aim(nearest, speed)
         aimed = nearest.tolist()
         for row, place in rows:
             sent[row] = aimed[place]

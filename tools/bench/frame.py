@@ -213,7 +213,7 @@ class InC:
             ("force", np.zeros(n)), ("floor", SETTINGS.floor),
             ("touch", SETTINGS.touch), ("graph", arrays.graph), ("work", np.zeros(4 * n + 1, np.int32)),
             ("taxels", arrays.taxels), ("faces", arrays.faces), ("box", box), ("cells", arrays.cells),
-            ("T_TL", own), ("T_TG", f.poses[limb]), ("limb", np.array(patch["limb"])),
+            ("T_TL", own), ("T_TG", f.poses[limb]), ("limb", np.array([patch["limb"]]).view(np.float64)),
             ("posture", f.posture), ("numbers", np.zeros((n, 7))), ("vectors", np.zeros((n, 5, 3))),
             ("indices", np.zeros(n, np.int64)), ("places", np.zeros((4, n))),
             ("fields", np.array([f.tables[0][name] for name in FIELD.names or ()], np.float64)),

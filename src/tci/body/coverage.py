@@ -14,7 +14,7 @@ from tci.messages import JointReading, Landmark, LimbPlace
 from tci.messages.frames import Array, read_only
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.joint_map import joint_map
-from tci.robot.kernels.limb import limb_numbers
+from tci.robot.kernels.limb import LIMB, limb_record
 from tci.robot.limb import generic_limb_point
 from tci.skin.skin import Skin
 
@@ -27,7 +27,7 @@ class _Limb:
 
     links: tuple[str, ...]
     on: Indices
-    numbers: Array
+    numbers: NDArray[np.void]
     positions: Array
     begins: Indices
     taxels: Indices
@@ -133,7 +133,7 @@ class Coverage:
         return _Limb(
             links=links,
             on=read_only([(links.index(p.link), links.index(s.link)) for p, s in own], np.int64),
-            numbers=read_only([limb_numbers(part, segment) for _, segment in own]),
+            numbers=read_only([limb_record(part, segment) for _, segment in own], LIMB),
             positions=read_only(np.concatenate(points)),
             begins=read_only(np.cumsum([0, *map(len, points)]), np.int64),
             taxels=read_only(np.concatenate(taxels), np.int64),

@@ -19,7 +19,7 @@ from tci.robot.description import GenericPart, Patch, Robot, Segment, Sensor
 from tci.robot.description.sensor import along
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.json_file import read_json
-from tci.robot.kernels.limb import limb_numbers
+from tci.robot.kernels.limb import limb_record
 from tci.robot.like import RobotLike, as_robot
 from tci.robot.per_robot import per_robot
 from tci.robot.skin_files.calibration import (
@@ -227,7 +227,7 @@ def _arrays(patches: Sequence[SkinPatch], links: Sequence[str], parts: Sequence[
         }.items():  # fmt: skip
             record[name] = value
         if one.segment is not None:
-            record["limb"] = limb_numbers(one.part, one.segment)
+            record["limb"] = limb_record(one.part, one.segment)
             record["part"] = parts.index(one.description.part)
         channels.append(one.channels + channel)
         neighbours.append((surface.neighbours + taxel).ravel())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from tci.messages.frames import Array
@@ -13,32 +15,38 @@ Vector = tuple[float, float, float]
 Row = tuple[float, float, float, float]
 
 
-def limb_numbers(part: GenericPart, segment: Segment) -> Array:
-    """Returns the constants (15,) of a limb segment for compiled loops that compute places on the segment.
+LIMB = np.dtype(
+    [
+        ("R_TM", np.float64, (3, 3)), ("origin", np.float64, (3,)), ("length", np.float64),
+        ("side", np.float64), ("segment", np.float64),
+    ]
+)  # fmt: skip
+"""A limb segment: rotation of the limb's mount in the torso frame, origin [m] of the segment in the frame of
+its link, length [m], side (+1 left, -1 right), and index in SEGMENTS (0 upper arm, 1 forearm)."""
 
-    The numbers are, in this order: the rotation R_TM of the limb's mount in the torso frame (9 numbers, row
-    by row), the origin (3,) [m] of the segment in the frame of its link, the length [m] of the segment, the
-    side (+1 left, -1 right), and the index of the segment in SEGMENTS (0 upper arm, 1 forearm)."""
+
+def limb_record(part: GenericPart, segment: Segment) -> tuple[Any, ...]:
+    """The values of a LIMB."""
     assert part.side is not None  # as `Robot.limb_segment` says
-    place = [segment.length, side_sign(part.side), SEGMENTS.index(segment.name)]
-    return np.concatenate([part.R_TM.ravel(), segment.origin, place])
+    side, number = side_sign(part.side), SEGMENTS.index(segment.name)
+    return part.R_TM, segment.origin, segment.length, side, number
 
 
 @inlined
-def limb_pose(T_TL: Array, T_TG: Array, limb: Array, posture: Array) -> tuple[Row, Row, Row]:
+def limb_pose(T_TL: Array, T_TG: Array, limb: Any, posture: Array) -> tuple[Row, Row, Row]:
     """Returns three rows (3, 4) of the pose T_SL of a link in the frame S of a limb's segment. `T_TL` (4, 4)
     is the pose of the link in the torso frame T.
 
-    `T_TG` (4, 4) is the pose of the link that carries the segment, also in the torso frame. `limb` (15,)
-    contains the constants of the segment, as `limb_numbers` returns them. `posture` (4,) [rad] are the first
+    `T_TG` (4, 4) is the pose of the link that carries the segment, also in the torso frame. `limb` is
+    the LIMB of the segment. `posture` (4,) [rad] are the first
     four generic angles of the arm.
     """
-    side = limb[13]
+    side = limb.side
     # R_MS of `segment_rotation`, axial=False, as products of rotations about y, x, z and y.
     c0, s0 = np.cos(posture[0]), -np.sin(posture[0])
     c1, s1 = np.cos(side * posture[1]), np.sin(side * posture[1])
     x, y, z = (c0, 0.0, -s0), (s0 * s1, c1, c0 * s1), (s0 * c1, -s1, c0 * c1)
-    if limb[14] > 0.0:
+    if limb.segment > 0.0:
         c2, s2 = np.cos(side * posture[2]), -np.sin(side * posture[2])
         c3, s3 = np.cos(posture[3]), -np.sin(posture[3])
         x, y = _turned(x, y, c2, s2)
@@ -54,23 +62,24 @@ def _turned(x: Vector, y: Vector, c: float, s: float) -> tuple[Vector, Vector]:
 
 
 @inlined
-def _origin(T_TL: Array, T_TG: Array, limb: Array, k: int) -> float:
+def _origin(T_TL: Array, T_TG: Array, limb: Any, k: int) -> float:
     """Returns one component [m] of the vector from the origin of a limb segment to the origin of a link, in
     the torso frame: x, y or z for `k` 0, 1 or 2."""
     p = T_TL[k, 3] - T_TG[k, 3]
     for axis in range(3):
-        p -= T_TG[k, axis] * limb[9 + axis]
+        p -= T_TG[k, axis] * limb.origin[axis]
     return p
 
 
 @inlined
-def _row(T_TL: Array, limb: Array, axis: Vector, p: Vector) -> Row:
+def _row(T_TL: Array, limb: Any, axis: Vector, p: Vector) -> Row:
     """Returns one row (4,) of the pose T_SL (3, 4) of a link in the frame S of a limb segment. The row
     belongs to `axis` (3,), an axis of S given in the frame of the limb's mount. `p` (3,) [m] is the vector
     from the origin of S to that of the link, in the torso frame."""
-    a = limb[0] * axis[0] + limb[1] * axis[1] + limb[2] * axis[2]
-    b = limb[3] * axis[0] + limb[4] * axis[1] + limb[5] * axis[2]
-    c = limb[6] * axis[0] + limb[7] * axis[1] + limb[8] * axis[2]
+    R = limb.R_TM
+    a = R[0, 0] * axis[0] + R[0, 1] * axis[1] + R[0, 2] * axis[2]
+    b = R[1, 0] * axis[0] + R[1, 1] * axis[1] + R[1, 2] * axis[2]
+    c = R[2, 0] * axis[0] + R[2, 1] * axis[1] + R[2, 2] * axis[2]
     return (
         a * T_TL[0, 0] + b * T_TL[1, 0] + c * T_TL[2, 0],
         a * T_TL[0, 1] + b * T_TL[1, 1] + c * T_TL[2, 1],

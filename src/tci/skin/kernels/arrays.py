@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tci.messages.contacts import CONTACT
 from tci.messages.contacts import TAXEL as PRESSED
 from tci.messages.frames import Array
+from tci.robot.kernels.limb import LIMB
 from tci.support.compiled import reads, record, writes
 
 Indices = NDArray[np.int32]
@@ -36,8 +37,8 @@ PATCH = np.dtype(
         # cells per metre, cells along x, y and z (0 for a patch without faces), index of the first cell.
         ("corner", np.float64, (3,)), ("cells_per_metre", np.float64), ("cells", np.int64, (3,)),
         ("cell", np.int64),
-        # Limb segment as `limb_numbers` gives it; zeros for a patch that is on no limb segment.
-        ("limb", np.float64, (15,)),
+        # Limb segment; zeros for a patch that is on none.
+        ("limb", LIMB),
         # Link of the patch, link of its limb segment, and row of its part in a table of the parts' angles.
         ("link", np.int64), ("limb_link", np.int64), ("part", np.int64),
     ],

@@ -235,7 +235,7 @@ def _summarise(
     nearest(mean, p, layout, row.point, row.normal)
     x, y, z = row.point[0], row.point[1], row.point[2]
     limb = layout.patches[p].limb
-    u, y_L, z_L = _on_limb(T_SL, x, y, z, limb[12], limb[13])
+    u, y_L, z_L = _on_limb(T_SL, x, y, z, limb.length, limb.side)
     row.u, row.theta, row.y, row.z = u, np.arctan2(y_L, z_L), y_L, z_L
 
 
@@ -281,7 +281,7 @@ def _write_taxels(
         one = out.taxels[to]
         one.taxel, one.taxel_force = i - patch.taxel, clusters.member_force[place]
         at = layout.taxels[i].position
-        u, y, z = _on_limb(T_SL, at[0], at[1], at[2], patch.limb[12], patch.limb[13])
+        u, y, z = _on_limb(T_SL, at[0], at[1], at[2], patch.limb.length, patch.limb.side)
         one.taxel_point[0], one.taxel_point[1], one.taxel_point[2] = u, y, z
         to += 1
     out.begin[c + 1] = to

@@ -219,6 +219,36 @@ def test_a_velocity_expires_although_the_patience_lasts_longer() -> None:
         assert not ticks[-1].sent.velocity.any()
 
 
+@pytest.fixture
+def usual_signals() -> Iterator[None]:
+    before = signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGTERM, before)
+
+
+@pytest.mark.usefixtures("usual_signals")
+def test_another_thread_may_close_a_stepper() -> None:
+    with poked() as driver:
+        stepper = Stepper(driver)
+        give(stepper, bend(0.1))
+        closing = threading.Thread(target=stepper.close)
+        closing.start()
+        closing.join()
+        assert stepper.result().ended == "done"
+        with driver.commanding():
+            pass
+
+
+@pytest.mark.usefixtures("usual_signals")
+def test_sigterm_ends_the_program_at_once_only_when_no_stepper_is_open() -> None:
+    with poked() as one, poked() as two:
+        first, second = Stepper(one), Stepper(two)
+        first.close()
+        assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
+        second.close()
+        assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
 def test_what_does_not_fit_is_told() -> None:
     with SimulatedDriver(tci.load_robot("nao")) as driver:
         with pytest.raises(TciError, match="period 0 s; valid: above 0"):

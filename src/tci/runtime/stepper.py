@@ -142,10 +142,12 @@ class Stepper:
         if self._closed:
             return
         self._closed = True
-        if self._terminated:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
         self.report.ended = "done" if error is None else f"{type(error).__name__}: {error}"
-        self._engine.close(error)
+        try:
+            self._engine.close(error)
+        finally:  # a second signal must not end the program before the robot is at rest
+            if self._terminated:
+                _die_when_terminated()
 
     def _check(self) -> None:
         if self._closed:
@@ -363,16 +365,32 @@ class _Worker:
                 self._changed.notify_all()
 
 
+_opened = 0
+"""Number of open steppers that rely on `_leave`."""
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    raise SystemExit(128 + number)
+
+
 def _exit_when_terminated() -> bool:
     """Makes SIGTERM an exception in the main thread, so that a `with` block brings the robot to rest. False
     in other threads, and if the program has a handler of its own."""
-
-    def leave(number: int, frame: FrameType | None) -> None:
-        raise SystemExit(128 + number)
-
+    global _opened
     if threading.current_thread() is not threading.main_thread():
         return False
-    if signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+    if signal.getsignal(signal.SIGTERM) not in (signal.SIG_DFL, _leave):
         return False
-    signal.signal(signal.SIGTERM, leave)
+    signal.signal(signal.SIGTERM, _leave)
+    _opened += 1
     return True
+
+
+def _die_when_terminated() -> None:
+    """The contrary, after the last stepper. Only the main thread can set a handler, so that a stepper which
+    another thread closes leaves it."""
+    global _opened
+    _opened -= 1
+    here = threading.current_thread() is threading.main_thread()
+    if here and not _opened and signal.getsignal(signal.SIGTERM) is _leave:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)

@@ -59,19 +59,27 @@ def test_a_run_that_ends_in_motion_says_so() -> None:
     assert told["loop"]["cut_short"]
 
 
-def test_a_stall_stops_the_robot_and_the_status_says_so() -> None:
-    told = json.loads(told_by(*POKED, "--fault", "stall@0.32", "--json", status=1))
+def test_a_fault_that_stops_the_robot_is_told_and_the_status_says_so() -> None:
+    told = json.loads(told_by(*POKED, "--fault", "stale-encoder@0.32", "--json", status=1))
     assert told["worst"] == told["state"] == "stop"
     assert kinds(told)[-3:] == ["FAULT", "STOP", "at rest"]
     fault, stop = told["events"][-3:-1]
     assert fault["time_s"] == pytest.approx(0.32, abs=0.005)
-    assert "fault 21" in fault["words"]
-    assert "expected: STOP for the following error" in fault["words"]
-    assert "does not follow" in stop["words"]
+    assert "fault 20" in fault["words"]
+    assert "expected: STOP" in fault["words"]
+    assert "stands still" in stop["words"]
     (outcome,) = told["faults"]
-    assert (outcome["fault"], outcome["answer"]) == ("stall", "STOP")
+    assert (outcome["fault"], outcome["answer"]) == ("stale-encoder", "STOP")
     assert outcome["after_s"] == pytest.approx(stop["time_s"] - 0.32, abs=0.005)
-    assert "does not follow" in outcome["why"]
+    assert "stands still" in outcome["why"]
+
+
+def test_a_part_that_is_held_is_told_to_go_back() -> None:
+    told = json.loads(told_by(*POKED, "--fault", "stall@0.32", "--json"))
+    assert told["worst"] == told["state"] == "run"
+    assert "clamped" in kinds(told)[kinds(told).index("FAULT") :]
+    assert "met something" in " ".join(event["words"] for event in told["events"])
+    assert {one["code"] for one in told["clamps"]} == {"CONTACT"}
 
 
 def test_a_person_sees_what_happened_and_why_the_robot_holds() -> None:

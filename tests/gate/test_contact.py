@@ -19,9 +19,10 @@ from tci.capabilities.capability import Capability
 from tci.errors import CommandError
 from tci.gate.contact import ContactSettings
 from tci.gate.gate import Gate, GateSettings, GateState
-from tci.messages import GenericCommand, Mode, Order, Perception, PlatformOrder
+from tci.messages import Contacts, GenericCommand, Mode, Order, Perception, PlatformOrder, PlatformSwitch
+from tci.messages.contacts import CONTACT, TAXEL, Site
 from tci.messages.frames import Array
-from tci.reasons import Code
+from tci.reasons import Code, Reason
 from tci.robot.catalogue import load_robot
 from tci.runtime.loop import run
 
@@ -39,8 +40,10 @@ class Held:
         self.told: list[str] = []
         self.refused: list[Code] = []
 
-    def step(self, *orders: PlatformOrder) -> Array:
-        safe = self.gate.step(orders, reading(self.angles, self.now), self.now)
+    def step(self, *orders: PlatformOrder, contacts: Contacts | None = None, stale: float = 0.0) -> Array:
+        """`stale` is the age [s] of the joint data."""
+        seen = reading(self.angles, self.now - stale)
+        safe = self.gate.step(orders, seen, self.now, contacts=contacts)
         self.angles[safe.servos] = safe.position
         self.angles[2] = min(self.angles[2], self.at)
         self.told += [one.text for one in safe.clamped if one.code is Code.CONTACT]
@@ -108,6 +111,101 @@ def test_reset_moves_nothing_and_waits_for_the_contact_to_end() -> None:
     for _ in range(1200):
         held.step()
     assert held.sent[2] < held.at, "freed although the gate had stopped for another cause"
+    held.gate.reset()
+
+
+def test_after_a_stop_that_knows_no_way_back_the_part_rests_and_can_be_reset() -> None:
+    held = Held()
+    held.step(position_command([2], [1.5]))
+    while not held.told:
+        held.step()
+    held.gate.stop(Reason(Code.ENCODER_FROZEN, "an encoder stands still"))
+    for _ in range(300):
+        held.step()
+    held.gate.reset()
+    for _ in range(300):
+        held.step(position_command([2], [0.2]))
+    assert held.sent[2] == pytest.approx(0.2)
+
+
+def test_a_way_back_does_not_go_on_without_joint_data() -> None:
+    held = Held()
+    held.step(position_command([2], [1.5]))
+    while not held.told:
+        held.step()
+    while held.sent[2] > held.at:
+        held.step()
+    goal, begun = held.gate.targets[0], held.sent[2]
+    for _ in range(300):
+        held.step(stale=1.0)
+    assert held.gate.state is GateState.HOLD
+    assert held.sent[2] < begun, "it was on its way"
+    assert held.sent[2] > goal + np.deg2rad(1.0)
+
+
+def test_a_switch_that_waits_for_rest_does_not_come_after_a_contact() -> None:
+    robot = make_robot(modes=(Mode.POSITION, Mode.VELOCITY))
+    held = Held()
+    held.gate = Gate(robot, period=PERIOD, stale_after=0.05, settings=ANSWERS)
+    held.step(position_command([2], [1.5]))
+    while held.angles[2] < held.at:
+        held.step()
+    held.step(PlatformSwitch(np.array([2]), Mode.VELOCITY))
+    for _ in range(1200):
+        held.step()
+    assert held.told
+    assert held.gate.modes[2] is Mode.POSITION
+
+
+def test_a_way_back_never_leads_nearer() -> None:
+    """Somebody came behind an arm that turned back after 3 degrees."""
+    held = Held(at=10.0)
+    held.angles[2] = 1.0
+    held.step(position_command([2], [1.0]))
+    for _ in range(50):
+        held.step()
+    held.step(position_command([2], [0.95]))
+    for _ in range(200):
+        held.step()
+    held.at = 0.96
+    held.step(position_command([2], [1.5]))
+    while not held.told:
+        held.step()
+    assert held.gate.targets[0] < held.at
+
+
+def test_skin_that_is_unknown_for_one_reading_does_not_end_a_contact() -> None:
+    held = Held(at=10.0)
+    rows = np.zeros(1, CONTACT)
+    rows["identity"], rows["force"] = 7, 20.0
+    site = Site("skin", "left_arm", "forearm")
+    felt = Contacts(
+        (site,), np.zeros(1), np.zeros(1, np.int64), rows, np.zeros(2, np.int64), np.zeros(0, TAXEL)
+    )
+    held.step(position_command([2], [1.5]))
+    for _ in range(100):
+        held.step()
+    for _ in range(1000):
+        held.step(contacts=felt)
+    assert held.told
+    held.step()
+    for _ in range(500):
+        held.step(contacts=felt)
+    held.step(position_command([2], [1.5]), contacts=felt)
+    assert held.refused == [Code.CONTACT]
+
+
+def test_after_the_clock_went_back_a_contact_still_ends() -> None:
+    held = Held()
+    held.now = 100.0
+    held.step(position_command([2], [1.5]))
+    while not held.told:
+        held.step()
+    held.now = 0.0
+    for _ in range(1000):
+        held.step()
+    assert held.gate.reason is not None
+    assert held.gate.reason.code is Code.TIME_WENT_BACK
     held.gate.reset()
 
 

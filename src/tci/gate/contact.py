@@ -126,13 +126,21 @@ class ContactReaction:
 
     def forget(self) -> None:
         """Forgets paths and reactions, since the servos are under command no more."""
-        self._past.clear()
-        self._readings.clear()
         self.blocked, self.reason = frozenset(), None
         for group in self._groups.values():
-            group.path.clear()
+            group.goal = None
+        self._forget_times()
+
+    def _forget_times(self) -> None:
+        """After the clock went back. Ways back that have begun go on."""
+        self._past.clear()
+        self._readings.clear()
+        self._stamp = -np.inf
+        for group in self._groups.values():
             group.reactions.clear()
-            group.goal, group.outside, group.free, group.moved = None, 0, None, -np.inf
+            group.outside, group.since, group.free, group.moved = 0, np.inf, None, -np.inf
+            if group.goal is None:
+                group.path.clear()
 
     @property
     def touched(self) -> tuple[str, ...]:
@@ -144,6 +152,8 @@ class ContactReaction:
     ) -> tuple[list[tuple[NDArray[np.intp], Array]], list[Reason]]:
         """One period: the ways back that begin now, as servos (k,) and angles (k,) [rad], and what to
         tell."""
+        if self._past and now < self._past[-1][0]:
+            self._forget_times()
         self._remember(reference, now)
         if joints.stamp <= self._stamp:
             return [], []
@@ -280,16 +290,19 @@ class ContactReaction:
     ) -> Array:
         """The latest posture of the path before the time `before` [s] that takes the joint `held` away from
         what it pushes on `side`, or without one any joint, by `FURTHER`; the path is used up to there. Else
-        the oldest posture, or here."""
+        the posture that takes it farthest away, or here: never nearer to what it pushes."""
         here: Array = position[group.servos]
         place = None if held is None else int(np.searchsorted(group.servos, held))
+        best, most = here.copy(), 0.0
         while group.path:
             stamp, posture = group.path.pop()
             way = posture - here
-            away = np.abs(way).max() if place is None else -side * way[place]
-            if not group.path or (stamp <= before and away >= FURTHER):
+            away = float(np.abs(way).max() if place is None else -side * way[place])
+            if stamp <= before and away >= FURTHER:
                 return posture
-        return here.copy()
+            if away > most:
+                best, most = posture, away
+        return best
 
     def _walk(self, group: _Group, joints: JointReading) -> None:
         here = joints.position[group.servos]
@@ -315,8 +328,7 @@ class ContactReaction:
     def _felt(self, contacts: Contacts | None, now: float) -> Mapping[int, float]:
         """Largest force [N] on skin by group, of contacts that began while the group moved: the robot made
         these."""
-        if contacts is None or not len(contacts):
-            self._made.clear()
+        if contacts is None:  # unknown: frames did not fit
             return {}
         found: dict[int, float] = {}
         made: dict[int, frozenset[int]] = {}

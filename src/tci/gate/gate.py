@@ -319,7 +319,8 @@ class Gate:
                 self.stop(fault)
             self._motion.see(joints, now, believed=monitor is None or not monitor.misled)
             reason = self._motion.fault_of_age(now, self._stale_after)
-        ways = self._answer(joints, now, contacts) if not reason else ()
+        blind = bool(reason)
+        ways = self._answer(joints, now, contacts) if not blind else ()
         reason, self._held = reason or self._held, None
         if self._stopped:
             self.state, reason = GateState.STOP, self._stopped
@@ -329,7 +330,7 @@ class Gate:
         else:
             self.state = GateState.RUN
         if reason:
-            self._motion.halt(self._blocked)
+            self._motion.halt(frozenset() if blind else self._blocked)
         for servos, angles in ways:
             self._motion.retreat(servos, angles)
         return reason
@@ -340,7 +341,10 @@ class Gate:
         """Judges contacts; returns where servos must go, also in the state STOP: a person is freed whatever
         the cause of the stop, unless the joint data can't be trusted."""
         self._told = []
-        if self._contact is None or (self._stopped is not None and self._stopped.code in UNFIT):
+        if self._contact is None:
+            return ()
+        if self._stopped is not None and self._stopped.code in UNFIT:
+            self._contact.forget()
             return ()
         ways, self._told = self._contact.step(joints, self._reference, now, contacts)
         if self._contact.reason is not None:

@@ -163,7 +163,9 @@ class Motion:
         self._torque.halt()
 
     def retreat(self, servos: NDArray[np.intp], angles: Array) -> None:
-        """Sends servos to `angles` (k,) [rad] on the gate's own order, in whichever mode they are."""
+        """Sends servos to `angles` (k,) [rad] on the gate's own order, in whichever mode they are. Switches
+        that waited for their rest are forgotten, with the commands that came for the new mode."""
+        self._let_go({*servos.tolist()})
         for chain in self.groups.chains:
             mine = np.isin(servos, chain.servos)
             if not mine.any():

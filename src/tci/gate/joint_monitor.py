@@ -18,11 +18,18 @@ from tci.errors import TciError
 from tci.gate.kernels.motion import (
     DEAF,
     DISAGREES,
-    FASTEST,
     FOLLOWS,
     JUMPED,
     LATE,
     OPPOSED,
+    Drifts,
+    Kinds,
+    Limits,
+    Monitor,
+    Motions,
+    Readings,
+    Sent,
+    Settings,
     judge_reading,
 )
 from tci.messages import JointReading, Mode
@@ -98,19 +105,15 @@ class JointMonitor:
     def __init__(self, robot: Robot, settings: MonitorSettings | None = None) -> None:
         self.settings = settings or MonitorSettings()
         self._names = [servo.name for servo in robot.servos]
-        s = self.settings
-        self._numbers = np.array([
-            s.following_error, s.lag, s.patience, s.opposing, s.least_speed, s.frozen, s.frozen_travel,
-            s.drift, s.push, s.encoder_step,
-        ])  # fmt: skip
+        self._numbers = Settings(*(float(getattr(self.settings, name)) for name in Settings._fields))
         self._worst = np.zeros(2)
         limits = [servo.limits for servo in robot.servos]
         # A servo without a torque limit has no torque mode.
-        self._limits = np.array([
-            [x.torque or np.inf for x in limits],
-            [x.acceleration or 0.0 for x in limits],
-            [np.inf if x.velocity is None else x.velocity for x in limits],
-        ])  # fmt: skip
+        self._limits = Limits(
+            torque=np.array([x.torque or np.inf for x in limits], float),
+            acceleration=np.array([x.acceleration or 0.0 for x in limits], float),
+            velocity=np.array([np.inf if x.velocity is None else x.velocity for x in limits], float),
+        )
         self.misled = False
         """True after a fault that makes the joint data untrustworthy, until `reset`."""
         self.forget()
@@ -124,16 +127,20 @@ class JointMonitor:
     def forget(self) -> None:
         """Deletes the history of motion. After a fault that makes the joint data untrustworthy, the data
         stays untrustworthy until `reset`."""
-        never = np.full(len(self._names), np.inf)
+        count = len(self._names)
         self._before: JointReading | None = None
         self._modes: tuple[Mode, ...] = ()
-        self._kinds = np.zeros((2, 0), dtype=bool)
+        self._kinds = Kinds(np.zeros(0, bool), np.zeros(0, bool))
         self._fresh = np.inf
-        zeros = np.zeros(len(never))
-        self._arrays = (
-            self._limits, self._numbers, np.zeros((4, len(never))), np.array([never, never, never, zeros]),
-            np.array([zeros, never, -never, never]), self._worst,
-        )  # fmt: skip
+        never = [np.full(count, np.inf) for _ in range(6)]
+        self._monitor = Monitor(
+            self._limits,
+            self._numbers,
+            Readings(*np.zeros((4, count))),
+            Motions(never[0], never[1], never[2], origin=np.zeros(count)),
+            Drifts(np.zeros(count), weakest=never[3], strongest=-never[4], pushed_since=never[5]),
+            self._worst,
+        )
         self._other_mode: dict[int, float] = {}
         self._sent: deque[tuple[float, Array]] = deque()
 
@@ -159,11 +166,11 @@ class JointMonitor:
         pushed = np.zeros(len(reference.servos)) if torque is None else torque
         kinds = self._kinds
         if excused:
-            kinds = kinds.copy()
-            kinds[0, np.isin(reference.servos, [*excused])] = False
-        sent = np.array([reference.position, reference.velocity, self._lagging(reference, joints.stamp)])
+            kinds = kinds._replace(follows=kinds.follows & ~np.isin(reference.servos, [*excused]))
+        lagging = self._lagging(reference, joints.stamp)
+        sent = Sent(*np.array([reference.position, reference.velocity, lagging]))
         found = judge_reading(
-            self._arrays, reference.servos, kinds, sent, pushed, joints.position, joints.velocity,
+            self._monitor, reference.servos, kinds, sent, pushed, joints.position, joints.velocity,
             joints.stamp, elapsed,
         )  # fmt: skip
         if not elapsed > 0.0:
@@ -197,7 +204,7 @@ class JointMonitor:
         """Returns the reason to stop for an angle that changed too much within `elapsed` [s]."""
         worst, change = int(self._worst[0]), self._worst[1]
         self.misled = True
-        allowed = self._limits[FASTEST, worst] * elapsed + self.settings.encoder_step
+        allowed = self._limits.velocity[worst] * elapsed + self.settings.encoder_step
         return Reason(
             Code.ENCODER_JUMPED,
             f"the angle of {self._names[worst]} jumped by {np.rad2deg(change):.1f} degrees; "
@@ -261,6 +268,7 @@ class JointMonitor:
         """Stores which of k servos must follow a reference, and which are in torque mode, according to their
         control modes."""
         self._modes = modes
-        self._kinds = np.array(
-            [[mode in JUDGED for mode in modes], [mode is Mode.TORQUE for mode in modes]], dtype=bool
+        self._kinds = Kinds(
+            follows=np.array([mode in JUDGED for mode in modes], bool),
+            loose=np.array([mode is Mode.TORQUE for mode in modes], bool),
         )

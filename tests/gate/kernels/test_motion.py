@@ -8,7 +8,7 @@ import pytest
 from tci.gate.kernels import motion as at
 from tci.messages.frames import Array
 
-SETTINGS = np.array([0.1, 0.1, 0.05, 0.04, 0.05, 0.06, 0.03])
+SETTINGS = at.Settings(0.1, 0.1, 0.05, 0.04, 0.05, 0.06, 0.03, 0.5, 0.3, 0.05)
 
 
 def since(begin: Array, holds: Array, now: float) -> Array:
@@ -18,24 +18,25 @@ def since(begin: Array, holds: Array, now: float) -> Array:
 
 def oracle(
     judged: Array, now: Array, before: Array, position: Array, velocity: Array, lagging: Array, stamp: float,
-    elapsed: float, memory: Array,
+    elapsed: float, memory: at.Motions,
 ) -> tuple[int, int]:  # fmt: skip
     """Returns the fault and the servo with the fault, for servos that are all commanded."""
-    following, lag, patience, opposing, least, repeat, travel = SETTINGS
+    following, lag, patience, opposing, least, repeat, travel = SETTINGS[:7]
     error = np.abs(position - now)
-    lasted = since(memory[0], judged & (error > following + lag * np.abs(velocity)), stamp)
+    lasted = since(memory.late_since, judged & (error > following + lag * np.abs(velocity)), stamp)
     if (lasted > patience).any():
         return at.LATE, int(np.argmax(lasted))
     speed = (now - before) / elapsed
     against = judged & (velocity * speed < 0.0) & (np.minimum(np.abs(speed), np.abs(velocity)) > least)
-    lasted = since(memory[1], against, stamp)
+    lasted = since(memory.opposed_since, against, stamp)
     if (lasted > opposing).any():
         return at.OPPOSED, int(np.argmax(lasted))
     repeats = judged & (now == before)
-    begins = ~(repeats & np.isfinite(memory[2]))
-    memory[3][begins] = position[begins]
-    lasted = since(memory[2], repeats, stamp)
-    frozen = (lasted > repeat) & (np.minimum(np.abs(position - memory[3]), np.abs(lagging - now)) > travel)
+    begins = ~(repeats & np.isfinite(memory.repeats_since))
+    memory.origin[begins] = position[begins]
+    lasted = since(memory.repeats_since, repeats, stamp)
+    way = np.minimum(np.abs(position - memory.origin), np.abs(lagging - now))
+    frozen = (lasted > repeat) & (way > travel)
     return (at.FROZEN, int(np.argmax(frozen))) if frozen.any() else (at.FOLLOWS, -1)
 
 
@@ -44,9 +45,7 @@ def test_it_finds_what_numpy_finds(seed: int) -> None:
     random = np.random.default_rng(seed)
     n, step = 6, 0.01
     judged = random.random(n) < 0.8
-    memories = [np.full((4, n), np.inf) for _ in range(3)]
-    for memory in memories:
-        memory[at.ORIGIN] = 0.0
+    memories = [at.Motions(*np.full((3, n), np.inf), np.zeros(n)) for _ in range(3)]
     servos, worst, found = np.arange(n), np.zeros(2), set()
     measured, position, velocity = np.zeros(n), np.zeros(n), np.zeros(n)
     for k in range(1, 400):
@@ -56,9 +55,9 @@ def test_it_finds_what_numpy_finds(seed: int) -> None:
         position, lagging = position + step * velocity, position
         before, measured = measured, measured + (step * velocity * moving if k >= 10 else 0.0)
         wanted = oracle(judged, measured, before, position, velocity, lagging, step * k, step, memories[0])
-        readings = np.array([measured, velocity, before, velocity])
-        kinds = np.array([judged, judged])
-        sent = np.array([position, velocity, lagging])
+        readings = at.Readings(measured, velocity, before, velocity)
+        kinds = at.Kinds(judged, judged)
+        sent = at.Sent(position, velocity, lagging)
         seen = (servos, kinds, readings, sent, SETTINGS, step * k, step)
         plain = np.zeros(2)
         in_python = at.judge_motion.py_func(*seen, memories[2], plain)
@@ -74,36 +73,33 @@ def test_it_finds_what_numpy_finds(seed: int) -> None:
     assert len(found) > 1
 
 
-TOLD = np.array([*SETTINGS, 0.5, 0.3])
-LIMITS = np.array([[2.0] * 6, [10.0] * 6])
-Readings = tuple[Array, Array, Array, Array]
-"""Present and previous angles [rad], present and previous speeds [rad/s]."""
+LIMITS = at.Limits(np.full(6, 2.0), np.full(6, 10.0), np.full(6, np.inf))
 
 
 def velocity_oracle(
-    judged: Array, loose: Array, readings: Readings, torque: Array, stamp: float, elapsed: float,
-    memory: Array,
+    judged: Array, loose: Array, readings: at.Readings, torque: Array, stamp: float, elapsed: float,
+    memory: at.Drifts,
 ) -> tuple[int, int]:  # fmt: skip
     """Returns the fault and the servo with the fault, for servos that are all commanded."""
-    following, lag, _, _, least, _, travel, forgets, push = TOLD
-    now, before, speed, speed_before = readings
+    following, lag, _, _, least, _, travel, forgets, push = SETTINGS[:9]
+    now, speed, before, speed_before = readings
     mean, change = 0.5 * (speed + speed_before), now - before
     known = ~judged & np.isfinite(mean) & (elapsed <= at.SELDOM)
     moves = (np.abs(speed) > least) | (loose & (np.abs(change) / elapsed > least))
-    drift = max(1.0 - elapsed / forgets, 0.0) * memory[at.DRIFT]
-    memory[at.DRIFT] = np.where(known, drift + np.where(moves, mean * elapsed - change, 0.0), 0.0)
-    drift = np.abs(memory[at.DRIFT])
+    drift = max(1.0 - elapsed / forgets, 0.0) * memory.drift
+    memory.drift[:] = np.where(known, drift + np.where(moves, mean * elapsed - change, 0.0), 0.0)
+    drift = np.abs(memory.drift)
     with np.errstate(invalid="ignore"):
         far = drift > following + lag * np.abs(speed)
     if far.any():
         return at.DISAGREES, int(np.argmax(np.where(far, drift, -1.0)))
     pressed = loose & (now == before) & (speed == speed_before)
-    memory[at.WEAKEST] = np.where(pressed, np.minimum(memory[at.WEAKEST], torque), np.inf)
-    memory[at.STRONGEST] = np.where(pressed, np.maximum(memory[at.STRONGEST], torque), -np.inf)
-    share = (memory[at.STRONGEST] - memory[at.WEAKEST]) / LIMITS[at.TORQUE_LIMIT]
-    lasted = since(memory[at.PUSHED_SINCE], pressed & (share > push), stamp)
+    memory.weakest[:] = np.where(pressed, np.minimum(memory.weakest, torque), np.inf)
+    memory.strongest[:] = np.where(pressed, np.maximum(memory.strongest, torque), -np.inf)
+    share = (memory.strongest - memory.weakest) / LIMITS.torque
+    lasted = since(memory.pushed_since, pressed & (share > push), stamp)
     lasted = np.where(np.isfinite(lasted), lasted, 0.0)
-    way = 0.5 * np.where(lasted > 0.0, share, 0.0) * LIMITS[at.ACCELERATION] * lasted**2
+    way = 0.5 * np.where(lasted > 0.0, share, 0.0) * LIMITS.acceleration * lasted**2
     return (at.DEAF, int(np.argmax(way))) if (way > travel).any() else (at.FOLLOWS, -1)
 
 
@@ -114,7 +110,7 @@ def test_it_finds_what_numpy_finds_of_velocities(seed: int) -> None:
     judged = random.random(n) < 0.2
     loose = ~judged & (random.random(n) < 0.7)
     fresh = np.array([np.zeros(n), np.full(n, np.inf), np.full(n, -np.inf), np.full(n, np.inf)])
-    memories, found, stamp = [fresh.copy() for _ in range(3)], set(), 0.0
+    memories, found, stamp = [at.Drifts(*fresh.copy()) for _ in range(3)], set(), 0.0
     measured = speed = torque = true = np.zeros(n)
     sensed = told = np.ones(n)
     for k in range(1, 600):
@@ -128,10 +124,10 @@ def test_it_finds_what_numpy_finds_of_velocities(seed: int) -> None:
         stamp += elapsed
         before, measured = measured, measured + elapsed * sensed * true
         speed_before, speed = speed, told * true
-        readings = measured, before, speed, speed_before
+        readings = at.Readings(measured, speed, before, speed_before)
         wanted = velocity_oracle(judged, loose, readings, torque, stamp, elapsed, memories[0])
-        both = np.array([measured, speed, before, speed_before])
-        seen = (np.arange(n), np.array([judged, loose]), both, torque, LIMITS, TOLD, stamp, elapsed)
+        kinds = at.Kinds(judged, loose)
+        seen = (np.arange(n), kinds, readings, torque, LIMITS, SETTINGS, stamp, elapsed)
         worst, plain = np.zeros(2), np.zeros(2)
         got = at.judge_velocity(*seen, memories[1], worst)
         in_python = at.judge_velocity.py_func(*seen, memories[2], plain)
@@ -141,7 +137,8 @@ def test_it_finds_what_numpy_finds_of_velocities(seed: int) -> None:
         if got != at.FOLLOWS:
             assert worst[0] == plain[0] == wanted[1]
             for memory in memories:
-                memory[:] = fresh
+                for kept, new in zip(memory, fresh, strict=True):
+                    kept[:] = new
         found.add(got)
     assert at.DISAGREES in found
     assert at.FOLLOWS in found
@@ -151,23 +148,23 @@ def test_it_finds_what_numpy_finds_of_velocities(seed: int) -> None:
 def test_a_reading_is_noted_and_an_angle_that_jumps_is_found(elapsed: float) -> None:
     random = np.random.default_rng(1)
     count, found = 4, set()
-    limits = np.array([[2.0] * count, [10.0] * count, [1.0, 1.0, np.inf, 1.0]])
-    readings, worst = np.zeros((4, count)), np.zeros(2)
-    settings, memory, drifts = np.array([*TOLD, 0.05]), np.zeros((4, count)), np.zeros((4, count))
-    none = np.zeros(0, np.intp), np.zeros((2, 0), bool), np.zeros((3, 0)), np.zeros(0)
+    fastest = np.array([1.0, 1.0, np.inf, 1.0])
+    limits = at.Limits(np.full(count, 2.0), np.full(count, 10.0), fastest)
+    readings, worst = at.Readings(*np.zeros((4, count))), np.zeros(2)
+    motions, drifts = at.Motions(*np.zeros((4, count))), at.Drifts(*np.zeros((4, count)))
+    kinds, sent = at.Kinds(*np.zeros((2, 0), bool)), at.Sent(*np.zeros((3, 0)))
+    none = np.zeros(0, np.intp), kinds, sent, np.zeros(0)
     for _ in range(60):
-        before = readings.copy()
-        angles, speeds = (
-            before[at.ANGLE] + random.choice([0.0, 0.055, -0.065, 0.2], count),
-            random.normal(size=count),
-        )
-        monitor = limits, settings, readings, memory, drifts, worst
+        before, speed_before = readings.angle.copy(), readings.speed.copy()
+        angles = before + random.choice([0.0, 0.055, -0.065, 0.2], count)
+        speeds = random.normal(size=count)
+        monitor = at.Monitor(limits, SETTINGS, readings, motions, drifts, worst)
         got = at.judge_reading(monitor, *none, angles, speeds, 1.0, elapsed)
-        assert readings.tolist() == np.array([angles, speeds, before[at.ANGLE], before[at.SPEED]]).tolist()
-        change = np.abs(angles - before[at.ANGLE])
-        beyond = change - (limits[at.FASTEST] * max(elapsed, 1e-9) + 0.05)
-        led = 0.5 * (speeds + before[at.SPEED]) * elapsed  # the way that the velocity tells
-        beyond[np.abs(angles - before[at.ANGLE] - led) <= 0.05] = -1.0
+        assert np.array(readings).tolist() == np.array([angles, speeds, before, speed_before]).tolist()
+        change = np.abs(angles - before)
+        beyond = change - (fastest * max(elapsed, 1e-9) + 0.05)
+        led = 0.5 * (speeds + speed_before) * elapsed  # the way that the velocity tells
+        beyond[np.abs(angles - before - led) <= 0.05] = -1.0
         jumped = elapsed > 0.0 and bool((beyond > 0.0).any())
         assert got == (at.JUMPED if jumped else at.FOLLOWS)
         if jumped:

@@ -17,7 +17,7 @@ import pytest
 from numba import config, float64, njit
 
 from tci.capabilities import answer, discounts
-from tci.gate.kernels.stops import follow_stop
+from tci.gate.kernels.stops import empty_stop, follow_stop
 from tci.messages.frames import frozen
 from tci.skin.kernels import condition, contacts, nearest
 from tci.support import compile_ahead, compiled
@@ -170,13 +170,13 @@ def test_constants_are_not_compiled_apart() -> None:
 
 def test_a_wrong_argument_is_refused() -> None:
     """Loops are called through numba's check of type, contiguity, dimensions and read-only flag."""
-    good, speeds = np.zeros((2, 4)), frozen(np.zeros(4))
+    good, speeds = empty_stop(4), frozen(np.zeros(4))
     straight = good, speeds, np.zeros((2, 3, 4))
     follow_stop(good, speeds, np.zeros((4, 3, 4)))
     for wrong in (
-        (good.astype(np.float32), *straight[1:]),
-        (good[:, ::2], *straight[1:]),
-        (good[0], *straight[1:]),
+        (good._replace(span=good.span.astype(np.float32)), *straight[1:]),
+        (good._replace(span=np.zeros((2, 8))[:, ::2]), *straight[1:]),
+        (good._replace(span=good.end), *straight[1:]),
         (*straight[:2], frozen(np.zeros((2, 3, 4)))),
     ):
         with pytest.raises(TypeError, match="No matching definition"):

@@ -13,19 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tci.gate.bounds import Bounds
-from tci.gate.kernels.stops import (
-    ACCELERATION,
-    END,
-    HERE,
-    JERK,
-    LEAST,
-    MOST,
-    RAMP,
-    RELEASE,
-    STOP_ROWS,
-    follow_stop,
-    plan_stop,
-)
+from tci.gate.kernels.stops import Limits, empty_stop, follow_stop, plan_stop
 from tci.messages.frames import Array
 
 LONGEST_STOP = 512
@@ -44,12 +32,10 @@ class StopTrajectory:
     __slots__ = ("duration", "here", "span", "way")
 
     def __init__(self, count: int) -> None:
-        self.way = np.zeros((STOP_ROWS, count))
-        """Angles, velocities, accelerations, jerks and times of the stop, with one column per servo.
-        `kernels.stops` lists the rows."""
-        self.here = self.way[HERE]
+        self.way = empty_stop(count)
+        self.here = self.way.here
         """Angles (n,) [rad] one period before the stop begins."""
-        self.span = self.way[LEAST : MOST + 1]
+        self.span = self.way.span
         """Least and largest angles (2, n) [rad] that the servos pass during the stop."""
         self.duration: float
         """Duration [s] of the stop."""
@@ -57,7 +43,7 @@ class StopTrajectory:
     def states(self, times: Array) -> Array:
         """Returns angles [rad], velocities [rad/s] and accelerations [rad/s2] (k, 3, n) at `times` (k,) [s]
         after the stop begins."""
-        states = np.empty((len(times), 3, self.way.shape[1]))
+        states = np.empty((len(times), 3, len(self.way.end)))
         follow_stop(self.way, times, states)
         return states
 
@@ -70,7 +56,7 @@ class StopPlanner:
         count = len(position)
         self._period = period
         self._bounds = bounds
-        self._limits = np.array([bounds.lower, bounds.upper, bounds.acceleration, bounds.jerk])
+        self._limits = Limits(*np.array([bounds.lower, bounds.upper, bounds.acceleration, bounds.jerk]))
         self._checked = self._limits, bounds.coupling, bounds.coupling_lower, bounds.coupling_upper
         self._kept, self.planned = StopTrajectory(count), StopTrajectory(count)
         self._since = np.zeros(1)
@@ -83,7 +69,7 @@ class StopPlanner:
 
     def set_limits(self, acceleration: Array, jerk: Array) -> None:
         """Sets the limits `acceleration` (n,) [rad/s2] and `jerk` (n,) [rad/s3] of later plans."""
-        self._limits[ACCELERATION], self._limits[JERK] = acceleration, jerk
+        self._limits.acceleration[:], self._limits.jerk[:] = acceleration, jerk
 
     def plan(self, state: Array, here: Array) -> bool:
         """Plans the stop from `state` (3, n): angles, velocities and accelerations one step after the angles
@@ -142,8 +128,7 @@ class StopPlanner:
     @property
     def end(self) -> Array:
         """Angles (n,) [rad] at which the stored stop comes to rest."""
-        end: Array = self._kept.way[END].copy()
-        return end
+        return self._kept.way.end.copy()
 
     @property
     def remaining(self) -> float:
@@ -152,7 +137,8 @@ class StopPlanner:
 
     def time_of(self, places: Sequence[int]) -> float:
         """Remaining time [s] in which the servos at `places` come to rest according to the stored stop."""
-        phases = self._kept.way[RAMP : RELEASE + 1][:, list(places)]
+        way = self._kept.way
+        phases = np.array([way.ramp, way.plateau, way.release])[:, list(places)]
         longest = float(phases.sum(axis=0).max(initial=0.0))
         return max(longest - float(self._since[0]), 0.0)
 

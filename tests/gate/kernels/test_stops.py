@@ -16,11 +16,10 @@ NO_COUPLING = np.zeros((0, COUNT)), np.zeros(0), np.zeros(0)
 
 def planned(
     state: Array, here: Array, lower: Array, upper: Array, jerk: Array, *, most: float = 60.0
-) -> tuple[Array, bool, bool, float]:
-    """Returns a planned stop without couplings: its rows, True if it stays inside the bounds, True if it
+) -> tuple[at.Stop, bool, bool, float]:
+    """Returns a planned stop without couplings, True if it stays inside the bounds, True if it
     starts outside, and its duration [s]."""
-    limits = np.array([lower, upper, np.full(len(here), most), jerk])
-    stop = np.empty((at.STOP_ROWS, len(here)))
+    limits, stop = at.Limits(lower, upper, np.full(len(here), most), jerk), at.empty_stop(len(here))
     inside, keeps, outside, duration = plan_stop(
         state, here, limits, np.zeros((0, len(here))), np.zeros(0), np.zeros(0), stop
     )
@@ -51,14 +50,14 @@ def test_a_stop_is_the_one_that_ruckig_plans_and_its_span_is_what_it_passes_thro
         theirs = np.array([stop.at_time(time) for time in times.tolist()])
         assert np.abs(states[:, :2] - theirs[:, :2]).max() < 1e-10
         assert np.abs(states[:, 2] - theirs[:, 2]).max() < 1e-8
-        path, span = states[:, 0], found[at.LEAST : at.MOST + 1]
+        path, span = states[:, 0], found.span
         assert np.abs(span[0] - path.min(axis=0)).max() < 1e-3
         assert np.abs(span[1] - path.max(axis=0)).max() < 1e-3
         assert np.all((span[0] <= path.min(axis=0) + 1e-12) & (path.max(axis=0) - 1e-12 <= span[1]))
         assert inside == bool(np.all((span[0] >= lower) & (span[1] <= upper)))
-        end = found[at.END]
+        end = found.end
         turned += bool(np.any((span[0] < np.minimum(start[0], end)) | (span[1] > np.maximum(start[0], end))))
-        plateaus += bool(np.any(found[at.PLATEAU] > 0.0))
+        plateaus += bool(np.any(found.plateau > 0.0))
         outside += not inside
     assert turned > 100
     assert plateaus > 100
@@ -83,16 +82,16 @@ def test_what_came_inside_does_not_leave_again() -> None:
     # This stop starts outside, its speed takes it inside, and its acceleration takes it outside again.
     here, start = np.array([1.01]), np.array([[1.005], [-0.3], [9.0]])
     stop, inside, _, _ = planned(start, here, lower, upper, jerk)
-    assert stop[at.LEAST, 0] < 1.0 < stop[at.END, 0] < here[0]
+    assert stop.span[0, 0] < 1.0 < stop.end[0] < here[0]
     assert not inside
     # A stop that moves inside and stays there is permitted.
     stop, inside, _, _ = planned(np.array([[1.005], [-0.3], [0.0]]), here, lower, upper, jerk)
-    assert stop[at.END, 0] < 1.0
+    assert stop.end[0] < 1.0
     assert inside
     # A stop that remains outside may turn outwards again, but no farther than the joint was before.
     start = np.array([[1.005], [-0.01], [2.0]])
     stop, inside, _, _ = planned(start, np.array([1.05]), lower, upper, jerk)
-    assert 1.0 < stop[at.LEAST, 0] < 1.005 < stop[at.END, 0]
+    assert 1.0 < stop.span[0, 0] < 1.005 < stop.end[0]
     assert inside
     assert not planned(start, start[0], lower, upper, jerk)[1]
 
@@ -111,8 +110,8 @@ def test_one_angle_outside_is_outside() -> None:
 
 def test_a_stop_beside_a_coupling_is_told_from_one_that_keeps_it() -> None:
     state = np.array([[0.1, 0.2], [0.5, 0.0], [0.0, 0.0]])
-    limits = np.array([[-1.0, -1.0], [1.0, 1.0], [10.0, 10.0], [100.0, 100.0]])
-    stop = np.empty((at.STOP_ROWS, 2))
+    limits = at.Limits(*np.array([[-1.0, -1.0], [1.0, 1.0], [10.0, 10.0], [100.0, 100.0]]))
+    stop = at.empty_stop(2)
     for high, kept in ((0.5, True), (0.31, False)):
         _, keeps, _, _ = plan_stop(
             state, state[0], limits, np.ones((1, 2)), np.array([-1.0]), np.array([high]), stop

@@ -463,7 +463,7 @@ class RigidDriver(Driver):
         self.plant = plant
         super().__init__(
             DriverInfo.of(
-                plant.robot, "sim", clock=RigidClock(plant), armed=True, settings=settings,
+                plant.robot, "sim", clock=RigidClock(plant), armed=True, settings=settings, streams=True,
                 period=1.0 / plant._rate, lease_name=f"sim:{plant.robot.name}:{os.getpid()}:{id(plant)}",
             )
         )  # fmt: skip

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,8 +65,17 @@ class ContactSettings:
     felt: float = 15.0
     """Force [N] on skin above which a part that made the contact goes back. ISO/TS 15066 permits 65 N and
     more; people guide an arm with less than this."""
+    stands: bool = True
+    """Whether a joint that stands while its reference goes on is held."""
     quiet: float = 0.5
     """Time [s] without contact after which the part obeys again."""
+
+    def for_planned_motion(self) -> ContactSettings:
+        """For robots that plan their own motion to each target: they lag by more, as the joint monitor allows
+        too, so only a joint that is held by a larger angle is told."""
+        return replace(
+            self, held=max(self.held, float(np.deg2rad(6.0))), lag=max(self.lag, 0.3), stands=False
+        )
 
 
 @dataclass(slots=True)
@@ -257,7 +266,7 @@ class ContactReaction:
             self._readings.popleft()
         since, before = self._readings[0]
         passed = joints.stamp - since
-        if PROGRESS <= passed < 2.0 * PROGRESS:
+        if self._settings.stands and PROGRESS <= passed < 2.0 * PROGRESS:
             lags = np.linspace(0.0, self._settings.lag, 6)
             last = rows[np.maximum(np.searchsorted(times, joints.stamp - lags, side="right") - 1, 0)]
             first = rows[np.maximum(np.searchsorted(times, since - lags, side="right") - 1, 0)]

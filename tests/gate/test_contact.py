@@ -148,7 +148,7 @@ def test_a_switch_that_waits_for_rest_does_not_come_after_a_contact() -> None:
     held = Held()
     held.gate = Gate(robot, period=PERIOD, stale_after=0.05, settings=ANSWERS)
     held.step(position_command([2], [1.5]))
-    while held.sent[2] < held.at + np.deg2rad(5.0):
+    while held.angles[2] < held.at:
         held.step()
     held.step(PlatformSwitch(np.array([2]), Mode.VELOCITY))
     for _ in range(1200):

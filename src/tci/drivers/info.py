@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Self
 
 from tci.gate.gate import Gate
-from tci.gate.settings import GateSettings
+from tci.gate.settings import OVER_A_WIRE, GateSettings
 from tci.messages.clock import Clock
 from tci.robot.description import Robot
 from tci.robot.like import RobotLike, as_robot
@@ -85,8 +85,8 @@ class DriverInfo:
         robot = as_robot(robot)
         binding = robot.binding(middleware)
         gate = Gate(
-            robot, period=period or 1.0 / binding.rate, stale_after=binding.stale_after, settings=settings,
-            streams=streams,
+            robot, period=period or 1.0 / binding.rate, stale_after=binding.stale_after,
+            settings=settings or (GateSettings() if middleware in HARMLESS else OVER_A_WIRE), streams=streams,
         )  # fmt: skip
         return cls(
             robot=robot,

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,13 +69,6 @@ class ContactSettings:
     """Whether a joint that stands while its reference goes on is held."""
     quiet: float = 0.5
     """Time [s] without contact after which the part obeys again."""
-
-    def for_planned_motion(self) -> ContactSettings:
-        """For robots that plan their own motion to each target: they lag by more, as the joint monitor allows
-        too, so only a joint that is held by a larger angle is told."""
-        return replace(
-            self, held=max(self.held, float(np.deg2rad(6.0))), lag=max(self.lag, 0.3), stands=False
-        )
 
 
 @dataclass(slots=True)

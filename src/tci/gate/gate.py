@@ -108,8 +108,6 @@ class Gate:
         monitor = self._settings.monitor
         self._monitor = None if monitor is None else JointMonitor(robot, monitor)
         contact = self._settings.contact
-        if contact is not None and not streams:
-            contact = contact.for_planned_motion()
         self._contact = None if contact is None else ContactReaction(robot, groups_of(robot), contact)
         self._stopped: Reason | None = None
         self._held: Reason | None = None

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from tci.gate.gate import Gate, SafeCommand
 from tci.gate.immovable import Immovable
+from tci.gate.settings import OVER_A_WIRE
 from tci.messages import Contacts, JointReading, PlatformOrder
 from tci.reasons import Code, Reason
 from tci.robot.description import Limits, Robot
@@ -28,7 +29,7 @@ class PartialGate(Gate):
     ) -> None:
         """Creates the gate, see `Gate`. `unreached` contains the index of each servo that the connection
         can't move, with the reason."""
-        super().__init__(robot, period=period, stale_after=stale_after, streams=streams)
+        super().__init__(robot, period=period, stale_after=stale_after, settings=OVER_A_WIRE, streams=streams)
         self._unreached = unreached
         servos = tuple(
             servo.model_copy(update={"limits": Limits()}) if servo.index in unreached else servo

@@ -19,8 +19,9 @@ from tci.drivers.info import DriverInfo
 from tci.drivers.remote.commanders import LEASE
 from tci.drivers.remote.protocol import MOST_ORDERS, Commander, Orders, SessionFrame, State
 from tci.errors import DriverError
-from tci.gate.gate import Gate, GateSettings
+from tci.gate.gate import Gate
 from tci.gate.safe_command import GateState, SafeCommand
+from tci.gate.settings import OVER_A_WIRE, GateSettings
 from tci.messages import PlatformOrder, Reading, SkinFrame
 from tci.messages.clock import Clock, MonotonicClock
 from tci.reasons import Code, Reason, text_of
@@ -70,7 +71,7 @@ class RemoteDriver(Driver):
                 robot, middleware, clock=MonotonicClock() if clock is None else clock, armed=arm,
                 # the robot's process has the lease on the robot
                 lease_name=f"{middleware}:{robot.name}:{self.client}",
-                settings=GateSettings(self_collision=None, monitor=None),
+                settings=GateSettings(self_collision=None, monitor=None, contact=None),
                 streams=True,  # the gate in the robot's process brakes where the robot needs it
             )
         )  # fmt: skip
@@ -107,7 +108,7 @@ class RemoteDriver(Driver):
 
         This process then makes all checks of the gate, and must hold the lease `lease_name`.
         """
-        gate = Gate(self.robot, period=self.period, stale_after=self.gate.stale_after)
+        gate = Gate(self.robot, period=self.period, stale_after=self.gate.stale_after, settings=OVER_A_WIRE)
         self.info = replace(self.info, gate=gate, lease_name=lease_name)
 
     def _starting(self) -> bool:

@@ -100,20 +100,21 @@ class ContactReaction:
         """`groups` (n_servos,) is the number of each servo's group."""
         self._robot, self._settings = robot, settings
         self._groups = {}
-        legs = {
+        # legs carry the robot, so they stop and stay stiff; a grasp loads the fingers on purpose
+        others = {
             groups[one.servo]
             for part in robot.parts
-            if part.kind == "leg"
+            if part.kind in ("leg", "fingers")
             for one in part.servos
             if one.servo is not None
-        }  # they carry the robot: they stop and stay stiff
+        }
         for number in dict.fromkeys(groups):
-            if number in legs:
+            if number in others:
                 continue
             own = [servo for servo, group in enumerate(groups) if group == number]
             self._groups[number] = _Group(np.array(own), robot.servos[own[0]].robot_part)
         self._parts: dict[str, set[int]] = {
-            part.name: {groups[one.servo] for one in part.servos if one.servo is not None} - legs
+            part.name: {groups[one.servo] for one in part.servos if one.servo is not None} - others
             for part in robot.parts
         }
         self._past: deque[tuple[float, Array]] = deque()

@@ -112,7 +112,7 @@ def test_a_joint_that_moves_without_saying_so_is_not_switched() -> None:
         angle += 1.0 * PERIOD
         joints = JointReading(step * PERIOD, step, read_only([0, 0, angle, 0, 0, 0]), unknown)
         safe = gate.step([switch([2], Mode.POSITION)] if step == 99 else [], joints, step * PERIOD)
-    assert str(safe.clamped[0]) == "arm switches to position in 0.02 s, at rest"
+    assert str(safe.clamped[0]) == "arm switches to position in 24 ms, at rest"
     assert safe.modes == (Mode.TORQUE,)
     for step in range(100, 300):
         joints = JointReading(step * PERIOD, step, read_only([0, 0, angle, 0, 0, 0]), unknown)

@@ -19,6 +19,8 @@ class Turn(Capability[None]):
 
     phase: float = 0.0
     """Where in the motion it begins [rad]."""
+    speed: float = 0.4
+    """Largest velocity [rad/s]."""
 
     def init(self, body: GenericBody) -> None:
         return None
@@ -27,5 +29,5 @@ class Turn(Capability[None]):
         return tuple(SwitchMode(part, Mode.VELOCITY) for part in ARMS)
 
     def step(self, memory: None, perception: Perception, body: GenericBody) -> tuple[tuple[Order, ...], None]:
-        speed = np.array([0.0, 0.0, 0.0, 0.4 * np.cos(8.0 * perception.stamp + self.phase), 0.0])
+        speed = np.array([0.0, 0.0, 0.0, self.speed * np.cos(8.0 * perception.stamp + self.phase), 0.0])
         return tuple(GenericCommand(part, Mode.VELOCITY, speed) for part in ARMS), None

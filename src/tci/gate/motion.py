@@ -21,9 +21,9 @@ from tci.gate.bounds import MARGIN
 from tci.gate.commanded_groups import CommandedGroups
 from tci.gate.freshness import Freshness
 from tci.gate.immovable import Immovable, is_movable
-from tci.gate.joint_monitor import Reference
+from tci.gate.joint_monitor import JUDGED, Reference
 from tci.gate.settings import GateSettings, Tally
-from tci.gate.speeds import Slope, Speeds
+from tci.gate.speeds import Lags, Slope, Speeds
 from tci.gate.torque import TorqueLimiter
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.messages.frames import Array, frozen
@@ -44,9 +44,15 @@ SHARES = (Mode.STIFFNESS, Mode.DAMPING)
 FASTEST = 1e6
 """Upper bound on requested speeds [rad/s]. Without this bound, calculations with a very large speed could
 overflow."""
+PUSHED = float(np.deg2rad(10.0))
+"""Measured speed [rad/s] up to which a stiff joint counts as at rest once it had the time to settle: its
+servo holds it, and whoever touches the part pushes it a little. Without this a reflex waited for the touch to
+end: 8 N moved the elbow of a NAO at 7 degrees/s."""
+HELD = float(np.deg2rad(1.0))
+"""Distance [rad] from its resting reference within which a servo holds its joint."""
 PATIENCE = 0.5
-"""Time [s] after the planned end of braking for which a switch waits until its servos rest. Assumed: a servo
-lags behind its reference by less; a joint that moves for longer is moved by hand."""
+"""Time [s] after the told end of braking for which a switch waits until its servos rest. Assumed: a joint
+that moves for longer is moved by hand."""
 
 
 @dataclass(slots=True)
@@ -55,8 +61,8 @@ class WaitingSwitch:
 
     servos: tuple[int, ...]
     mode: Mode
-    until: float
-    """Time [s] at which the switch is given up."""
+    rests: float
+    """Time [s] at which the servos should rest."""
     commands: list[tuple[PlatformCommand, float]] = field(default_factory=list)
     """Commands in the new mode, each with the time [s] at which it came."""
 
@@ -90,6 +96,7 @@ class Motion:
         self._velocity = self._speed = np.zeros(len(robot.servos))
         self._freshness = Freshness(period)
         self._speeds, self._slope = Speeds(len(robot.servos)), Slope(len(robot.servos))
+        self._lags = Lags(len(robot.servos))
         self._powered: NDArray[np.bool_] | None = None
         self._switched: set[int] = set()
         self._waiting: list[WaitingSwitch] = []
@@ -138,6 +145,8 @@ class Motion:
         self._powered = joints.powered
         self._speed = self._speeds.step(joints)
         self._slope.step(joints)
+        if not self._streams:
+            self._lags.step(joints, self.reference)
 
     def refuse(self, joints: JointReading) -> None:
         """Records a reading that can't be used. A repetition of this reading with a new stamp can't be used
@@ -389,22 +398,39 @@ class Motion:
         return not set(servos).isdisjoint(reference.servos[np.abs(reference.velocity) > STILL].tolist())
 
     def _brake(self, servos: Sequence[int], mode: Mode, now: float) -> Reason:
-        """Brakes servos that will switch to `mode` at rest. Returns a reason with the braking time."""
+        """Brakes servos that will switch to `mode` at rest. Returns a reason with the braking time: that of
+        the references, and the lag with which the joints follow."""
         longest = 0.0
         for chain in self.groups.chains:
             places = chain.places([servo for servo in chain.servos if servo in servos])
             if places:
                 longest = max(longest, chain.limiter.stops_in(places))
                 chain.limiter.drive_at(places, np.zeros(len(places)))
+        longest += self._lags.of(servos)
         for servo in servos:
             if self.modes[servo] is Mode.TORQUE:
                 longest = max(
                     longest, abs(self._speed[servo]) / (self.robot.servos[servo].limits.acceleration or 1.0)
                 )
-        self._waiting.append(WaitingSwitch(tuple(servos), mode, until=now + longest + PATIENCE))
+        self._waiting.append(WaitingSwitch(tuple(servos), mode, rests=now + longest))
         parts = ", ".join(dict.fromkeys(self.robot.servos[servo].robot_part for servo in servos))
-        text = f"{parts} switches to {mode.value} in {longest:.2f} s, at rest"
+        text = f"{parts} switches to {mode.value} in {1e3 * longest:.0f} ms, at rest"
         return Reason(Code.SWITCHES_AT_REST, text, tuple(self.robot.servos[servo].name for servo in servos))
+
+    def _settled(self, switch: WaitingSwitch, now: float) -> bool:
+        """True if servos that wait for a switch rest: by measurement, or held by their servos at resting
+        references."""
+        if not self._moving(switch.servos):
+            return True
+        if now < switch.rests or not all(self.modes[servo] in JUDGED for servo in switch.servos):
+            return False
+        reference, servos = self.reference, list(switch.servos)
+        mine = np.isin(reference.servos, servos)
+        off = np.abs(reference.position - self.groups.measured[reference.servos])[mine]
+        rests = np.count_nonzero(mine) == len(servos) and (np.abs(reference.velocity[mine]) <= STILL).all()
+        # a guessed speed follows so late that the mean of the last 20 ms may know better
+        speed = np.fmin(np.abs(self._speed), np.abs(self._slope.speed))[servos]
+        return bool(rests and off.max() <= HELD and speed.max() <= PUSHED)
 
     def settle(self, now: float) -> tuple[list[Reason], list[Reason]]:
         """Switches servos that waited for rest and have come to rest, and executes the latest commands in
@@ -413,13 +439,13 @@ class Motion:
         refused: list[Reason] = []
         for switch in self._waiting.copy():
             try:
-                if not self._moving(switch.servos):
+                if self._settled(switch, now):
                     self._waiting.remove(switch)
                     self._change(switch.servos, switch.mode)
                     for command, since in switch.commands:
                         if command.mode in TARGETS or now - since <= self._settings.command_timeout:
                             clamped += self.accept(command, since)
-                elif now > switch.until:
+                elif now > switch.rests + PATIENCE:
                     self._let_go({*switch.servos})
                     words = f"kept moving; valid: switch to {switch.mode.value} at rest"
                     names = [
@@ -444,7 +470,7 @@ class Motion:
                 if here:
                     chain.limiter.drive_at(here, np.full(len(here), np.nan))
             if left:
-                kept.append(WaitingSwitch(tuple(left), switch.mode, until=switch.until))
+                kept.append(WaitingSwitch(tuple(left), switch.mode, rests=switch.rests))
         self._waiting = kept
 
 

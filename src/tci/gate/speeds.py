@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 
+from tci.gate.joint_monitor import Reference
 from tci.gate.kernels.motion import all_finite
 from tci.messages import JointReading
 from tci.messages.frames import Array
@@ -70,3 +72,34 @@ class Speeds:
             slope = (joints.position - before.position) / passed
             self._guess = (1.0 - share) * self._guess + share * slope
         return np.where(np.isfinite(joints.velocity), joints.velocity, self._guess)
+
+
+class Lags:
+    """Estimates by how long each joint lags behind its reference, as the gate sees it: with its servo, the
+    wire both ways, and the age of readings."""
+
+    FADES = 0.2
+    """Time constant [s] with which earlier motion is forgotten."""
+    LONGEST = 0.1
+    """Longest lag [s] of a healthy joint, as in `MonitorSettings.lag`. What is farther behind is held."""
+
+    def __init__(self, count: int) -> None:
+        self._behind, self._moved = np.zeros(count), np.full(count, 1e-9)
+        self._stamp = -np.inf
+
+    def step(self, joints: JointReading, reference: Reference) -> None:
+        """A new reading, and the reference that was valid when it came."""
+        passed, self._stamp = joints.stamp - self._stamp, joints.stamp
+        keeps = np.exp(-passed / self.FADES) if passed > 0.0 else 0.0
+        speed = np.zeros(len(self._behind))
+        behind = np.zeros(len(self._behind))
+        speed[reference.servos] = reference.velocity
+        behind[reference.servos] = reference.position - joints.position[reference.servos]
+        # least squares of behind = lag * speed: an angle that stays off, as under weight, counts little
+        self._behind = keeps * self._behind + behind * speed
+        self._moved = np.maximum(keeps * self._moved + speed * speed, 1e-9)
+
+    def of(self, servos: Sequence[int]) -> float:
+        """Longest lag [s] of some servos; 0 of those that have not moved."""
+        lag = self._behind[list(servos)] / self._moved[list(servos)]
+        return float(np.clip(lag, 0.0, self.LONGEST).max(initial=0.0))

@@ -8,8 +8,10 @@ OUT ?= out
 # Live tests at a time: most of them wait, and a busy machine
 # makes robots hold.
 LIVE ?= 3
+# Everything else runs beside them, in the time of the processors that they leave.
+IDLE := $(if $(shell command -v chrt),chrt --idle 0,nice -n 19)
 
-.PHONY: help demo test test-real peers loops quick lint docs pictures bench middleware soak fuzz reliability release-check lock lowest clean run-env dev-env
+.PHONY: help demo test live beside not-live test-real peers loops quick lint docs pictures bench middleware soak fuzz reliability release-check lock lowest clean run-env dev-env
 
 help:  ## show this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 8
@@ -24,11 +26,20 @@ demo: run-env  ## set up, then poke a simulated NAO and a simulated iCub; writes
 	@$(VENV)/tci demo --out "$(OUT)"
 
 test: dev-env  ## set up, then lint, docs and all tests
-	@$(MAKE) --no-print-directory --jobs 3 --output-sync peers loops lint docs
-	@$(VENV)/python -m pytest -n logical --maxprocesses 8 --dist loadgroup --durations 10 -m "not live" && apart=0 || apart=1; \
-	  { TCI_CHECK_LOOPS=0 $(VENV)/python -m pytest -n $(LIVE) --dist loadgroup --durations 10 -m live || { \
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync peers loops
+	@$(MAKE) --no-print-directory --jobs 4 --keep-going live beside
+
+live: dev-env
+	@export TCI_CHECK_LOOPS=0; live="$(VENV)/python -m pytest -o cache_dir=.pytest_cache/live -m live"; \
+	  $$live -n $(LIVE) --dist loadgroup --durations 10 || { \
 	    echo "live tests that failed beside others run once more, alone; those that fail again count"; \
-	    TCI_CHECK_LOOPS=0 $(VENV)/python -m pytest --last-failed --last-failed-no-failures none -m live; }; } && exit $$apart
+	    $$live --last-failed --last-failed-no-failures none; }
+
+beside: dev-env
+	@$(IDLE) $(MAKE) --no-print-directory --output-sync not-live lint docs
+
+not-live: dev-env
+	@$(VENV)/python -m pytest -n logical --maxprocesses 8 --dist loadgroup --durations 10 -m "not live"
 
 peers: dev-env
 	@$(PYTHON) tools/peers.py

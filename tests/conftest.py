@@ -78,7 +78,7 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Marks live tests, which `make test` runs separately, and tests that read skin files or recordings.
+    """Marks live tests, which `make test` runs beside others, and tests that read skin files or recordings.
 
     Tests that need genuine files are collected only if the option --data names a folder with these files.
     """

@@ -160,7 +160,7 @@ URDF_DAMAGE = {
     "nan": (ARRAY.replace('xyz="0.1 0 0"', 'xyz="nan 0 0"'), 7, "xyz"),
     "huge": (ARRAY.replace('xyz="0.1 0 0"', 'xyz="1e300 0 0"'), 7, "xyz"),
     "twice": (ARRAY.replace('idx="3"', 'idx="1"'), 8, "line 7"),
-    "both": (ARRAY.replace("<tactile>", '<tactile><array rows="1" cols="1" size="1 1"/>'), 6, "1 <array>"),
+    "no array": (ARRAY.replace("<array", "<arrays"), 2, "0 <array>"),
     "binary": (b"\x00\x01" + ARRAY.encode(), 1, "XML|text"),
     "entity": ('<!DOCTYPE r [<!ENTITY a "b">]>' + ARRAY, 1, "DOCTYPE|DTD"),
 }

@@ -205,7 +205,7 @@ def _skin_table(patches: tuple[PatchFacts, ...]) -> Table:
             fit = [f"{1e3 * cone.length:.0f}", *(f"{1e3 * value:.1f}" for value in errors)]
         taxels = "by joints" if patch.through_joints else str(len(patch.taxels))
         table.add_row(
-            patch.name, patch.kind.split("_")[-1], taxels, f"{patch.rate:g}",
+            patch.name, patch.kind.split("_")[-1] + ", assumed" * patch.assumed, taxels, f"{patch.rate:g}",
             f"{1e4 * patch.area:.0f}", *fit,
         )  # fmt: skip
     return table

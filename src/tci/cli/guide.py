@@ -25,6 +25,7 @@ NEXT = {
     "new-robot": "tci check robot.xml --simulate",
     "check": "tci run withdrawal nao --poke",
     "doctor": "tci demo",
+    "skin find": "tci new-robot my_robot.urdf",
     "skin fit": "tci skin show icub",
     "skin check": "tci skin show icub",
     "skin mount": "tci skin locate nao --patch left_forearm",

@@ -106,7 +106,8 @@ class PatchFacts(Description):
     segment: str
     link: str
     kind: str
-    """Kind of surface in the description of the patch: `truncated_cone`, `triangular_modules` or `table`."""
+    """Kind of surface in the description of the patch: `truncated_cone`, `grid`, `triangular_modules` or
+    `table`."""
     rate: float
     """Rate [Hz] of the patch's skin frames."""
     channels: int
@@ -114,6 +115,8 @@ class PatchFacts(Description):
     through_joints: bool = False
     """True if the patch has no sensors and sends no frames. Touches on such a patch are detected from joint
     torques, and its taxels only describe its surface."""
+    assumed: bool = False
+    """True if nobody has seen this skin on the robot."""
     area: float
     """Total area [m2] of the patch's taxels."""
     cone: ConeFacts | None
@@ -271,7 +274,7 @@ def _patches(robot: Robot) -> tuple[PatchFacts, ...]:
             PatchFacts(
                 name=patch.name, part=patch.part, segment=patch.segment, link=patch.link,
                 kind=patch.surface.kind, rate=patch.rate, channels=patch.channels,
-                through_joints=patch.through_joints,
+                through_joints=patch.through_joints, assumed=patch.assumed,
                 area=float(surface.areas.sum()), cone=_cone(robot, surface, kinematics), taxels=taxels,
             )
         )  # fmt: skip

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from tci.robot.description import Description as Description
     from tci.robot.description import GenericPart as GenericPart
     from tci.robot.description import GenericServo as GenericServo
+    from tci.robot.description import Grid as Grid
     from tci.robot.description import Kind as Kind
     from tci.robot.description import Limits as Limits
     from tci.robot.description import Mimic as Mimic

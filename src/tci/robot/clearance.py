@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tci.errors import CommandError
 from tci.messages.frames import Array, read_only
-from tci.robot.collisions import exclude_overlaps, solid_spec
+from tci.robot.collisions import exclude_overlaps, solid_spec, thick_pads
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 from tci.robot.kinematics import joints_of
@@ -124,9 +124,9 @@ class Clearance:
 
 
 def without_skin(robot: Robot) -> Robot:
-    """Returns the robot without skin patches. Without patches, robots that differ only in their skin share
-    one model of collision geometry."""
-    return robot.model_copy(update={"patches": ()})
+    """The robot with only those pads that are solid: robots that differ only in their skin share one model of
+    collision geometry."""
+    return robot.model_copy(update={"patches": thick_pads(robot)})
 
 
 @lru_cache(maxsize=8)

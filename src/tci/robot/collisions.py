@@ -16,7 +16,7 @@ import numpy as np
 
 from tci.errors import DescriptionError, Fault
 from tci.messages.frames import Array
-from tci.robot.description import Robot
+from tci.robot.description import Grid, Patch, Robot
 from tci.robot.hulls import HULL_VERTICES, keep_hulls
 from tci.robot.kinematics import joints_of
 from tci.robot.model_file import compiled, load_spec
@@ -66,8 +66,34 @@ def solid_spec(robot: Robot, *, shown: bool = False, mimics: bool = True) -> muj
         mesh.maxhullvert = HULL_VERTICES
     if not shown:
         keep_hulls(spec)
+    for patch in thick_pads(robot):
+        _add_pad(spec, patch)
     _set_self_collisions(spec, robot)
     return spec
+
+
+def thick_pads(robot: Robot) -> tuple[Patch, ...]:
+    """The patches whose thickness the model's own shapes lack."""
+    return tuple(
+        patch for patch in robot.patches if isinstance(patch.surface, Grid) and patch.surface.thickness
+    )
+
+
+def _add_pad(spec: mujoco.MjSpec, patch: Patch) -> None:
+    pad = patch.surface
+    assert isinstance(pad, Grid)
+    pose = patch.mount @ pad.T_LP
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, pose[:3, :3].ravel())
+    spec.body(patch.link).add_geom(
+        name=f"tci_pad_{patch.name}",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[0.5 * pad.length, 0.5 * pad.width, 0.5 * pad.thickness],
+        pos=pose[:3, 3] - 0.5 * pad.thickness * pose[:3, 2],
+        quat=quaternion,
+        mass=0.0,
+        group=HIDDEN,
+    )
 
 
 def _set_self_collisions(spec: mujoco.MjSpec, robot: Robot) -> None:

@@ -1,7 +1,7 @@
 """The skin of a robot as surfaces: taxels, outward normals, neighbours, and the faces between taxels.
 
-A patch is described in one of three ways: as a truncated cone (eqs 3-4), as triangular modules at frames of
-the kinematic model, or as a table of positions. All three become a `Surface`.
+A patch is described as a truncated cone (eqs 3-4), a grid, triangular modules at frames of the kinematic
+model, or a table of positions. All of them become a `Surface`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tci.errors import DescriptionError, Fault
 from tci.messages.frames import Array, apply, invert, read_only, rotation_rpy, rotation_z, transform
-from tci.robot.description import Patch, Robot, TriangularModules, TruncatedCone
+from tci.robot.description import Grid, Patch, Robot, TriangularModules, TruncatedCone
 from tci.robot.kinematics import KinematicChain
 from tci.robot.near_points import nearest, pairs_within
 from tci.robot.per_robot import per_robot
@@ -106,6 +106,9 @@ def build_surface(robot: Robot, patch: Patch, kinematics: KinematicChain) -> Sur
     if isinstance(description, TruncatedCone):
         positions, normals, areas, faces = _cone(description)
         channels = np.arange(len(positions))
+    elif isinstance(description, Grid):
+        positions, normals, areas = grid_taxels(description)
+        channels, faces = np.arange(len(positions)), triangulate(positions, normals)
     elif isinstance(description, TriangularModules):
         positions, normals, areas, channels = _modules(robot, patch, description, kinematics)
         faces = triangulate(positions, normals)
@@ -117,7 +120,7 @@ def build_surface(robot: Robot, patch: Patch, kinematics: KinematicChain) -> Sur
             values[channels] for values in (layout.positions, layout.normals, layout.areas)
         )
         faces = triangulate(positions, normals)
-    mount = mount_of(patch)
+    mount = patch.mount
     positions, normals = apply(mount, positions), normals @ mount[:3, :3].T
     across = None if across is None else read_only(across @ mount[:3, :3].T)
     needed = patch.sensor.axes * (int(channels.max()) + 1)
@@ -149,12 +152,6 @@ def surfaces_of(robot: Robot) -> tuple[Surface, ...]:
     """
     kinematics = KinematicChain(robot)
     return tuple(build_surface(robot, patch, kinematics) for patch in robot.patches)
-
-
-def mount_of(patch: Patch) -> Array:
-    """Returns the transform (4, 4) with the `xyz` and `rpy` of a patch. Applied to the described positions of
-    the taxels, it gives their positions in the frame of the link."""
-    return transform(rotation_rpy(*patch.rpy), np.array(patch.xyz))
 
 
 def tangents(normals: Array) -> Array:
@@ -190,6 +187,21 @@ def _cone(cone: TruncatedCone) -> tuple[Array, Array, Array, NDArray[np.intp]]:
     pose = transform(rotation_rpy(*cone.rpy), np.array(cone.origin))
     areas = np.full(len(ring), area / len(ring))
     return apply(pose, positions), normals @ pose[:3, :3].T, areas, _ring_strips(cone.rings, cone.per_ring)
+
+
+def grid_taxels(grid: Grid) -> tuple[Array, Array, Array]:
+    """Returns positions (n, 3) [m], outward normals (n, 3) and areas (n,) [m2] of the taxels of a pad, in the
+    frame of its link and in the order of a frame."""
+    count = grid.rows * grid.columns
+    if grid.order == "row-major":
+        row, column = np.divmod(np.arange(count), grid.columns)
+    else:
+        column, row = np.divmod(np.arange(count), grid.rows)
+    x = ((row + 0.5) / grid.rows - 0.5) * grid.length
+    y = ((column + 0.5) / grid.columns - 0.5) * grid.width * (-1.0 if grid.mirrored else 1.0)
+    pose = grid.T_LP
+    positions = apply(pose, np.column_stack([x, y, np.zeros(count)]))
+    return positions, np.tile(pose[:3, 2], (count, 1)), np.full(count, grid.length * grid.width / count)
 
 
 def _ring_strips(rings: int, per_ring: int) -> NDArray[np.intp]:

@@ -15,7 +15,7 @@ from tci.messages.frames import Array
 from tci.robot.description import Robot
 from tci.robot.kinematics import KinematicChain
 from tci.robot.skin_files.reader import read_layout
-from tci.skin.surfaces import build_surface, mount_of
+from tci.skin.surfaces import build_surface
 
 
 def check_skins(
@@ -44,7 +44,7 @@ def check_skins(
             found = register(taxels, link_surface(robot, where))
             row |= _facts(found)
             if file is None:  # the description may already contain a pose of the patch
-                row["mount"] = _pose(found.correction @ mount_of(robot.patch(title)))
+                row["mount"] = _pose(found.correction @ robot.patch(title).mount)
         except DescriptionError as error:
             row |= {"verdict": "not checked", "reason": error.faults[0].message}
         rows.append(row)

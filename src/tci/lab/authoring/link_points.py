@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from tci.exports.cone import ConeFit, fit_cone
-from tci.messages.frames import Array
+from tci.messages.frames import Array, apply, invert, transform
 from tci.robot.description import Model
 from tci.robot.mesh_files import NO_MESHES
 from tci.robot.model_file import LEAST_MASS, compiled, load_spec
@@ -47,6 +47,22 @@ class LinkPoints:
         geoms = [geom for geom in range(self._model.ngeom) if int(self._model.geom_bodyid[geom]) in bodies]
         found = [self._on_geom(geom) for geom in geoms]
         return np.concatenate([np.zeros((0, 3)), *found])
+
+    def pose(self, body: int) -> Array:
+        """Pose (4, 4) of a body, by its index in MuJoCo, in the root's frame."""
+        return transform(self._data.xmat[body].reshape(3, 3), self._data.xpos[body])
+
+    def own(self, body: int) -> Array:
+        """Points (n, 3) [m] on the shapes of one body alone, in its frame, with the corners of its meshes."""
+        found = [np.zeros((0, 3))]
+        for geom in np.flatnonzero(self._model.geom_bodyid == body).tolist():
+            found.append(self._on_geom(geom))
+            if self._model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+                mesh = int(self._model.geom_dataid[geom])
+                first, count = int(self._model.mesh_vertadr[mesh]), int(self._model.mesh_vertnum[mesh])
+                T_RG = transform(self._data.geom_xmat[geom].reshape(3, 3), self._data.geom_xpos[geom])
+                found.append(apply(T_RG, self._model.mesh_vert[first : first + count].astype(float)))
+        return apply(invert(self.pose(body)), np.concatenate(found))
 
     def around(self, link: str) -> Array:
         """Returns points (n, 3) [m] on a link and on its neighbouring links, in the frame of `link`."""

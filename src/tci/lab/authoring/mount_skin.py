@@ -24,7 +24,7 @@ from tci.messages.frames import Array, apply, invert, read_only, rpy_of, transfo
 from tci.recording.perceived import perceive
 from tci.recording.recording import Recording
 from tci.robot.description import Robot
-from tci.skin.surfaces import Surface, mount_of
+from tci.skin.surfaces import Surface
 
 FEWEST = 10
 """Least number of touches from which a mount is estimated. Three touches determine a pose, but the error of
@@ -195,7 +195,7 @@ def self_touches(body: GenericBody, patch: str, perceptions: Iterable[Perception
 def moved_patch(robot: Robot, patch: str, correction: Array) -> Robot:
     """Returns the robot with `patch` moved relative to its link by the pose `correction` (4, 4)."""
     own = robot.patch(patch)
-    mount = correction @ mount_of(own)
+    mount = correction @ own.mount
     moved = own.model_copy(update={"xyz": tuple(mount[:3, 3].tolist()), "rpy": rpy_of(mount[:3, :3])})
     patches = tuple(moved if one is own else one for one in robot.patches)
     return robot.model_copy(update={"patches": patches})

@@ -15,7 +15,7 @@ from tci.robot.description.part import (
     Segment,
     Term,
 )
-from tci.robot.description.patch import SOLE, Patch, Table, TriangularModules, TruncatedCone
+from tci.robot.description.patch import SOLE, Grid, Patch, Table, TriangularModules, TruncatedCone
 from tci.robot.description.robot import Attachment, Model, Robot
 from tci.robot.description.sensor import THROUGH_JOINTS, Sensor
 from tci.robot.description.servo import Coupling, Limits, Mimic, Servo
@@ -32,6 +32,7 @@ __all__ = [
     "Description",
     "GenericPart",
     "GenericServo",
+    "Grid",
     "Kind",
     "Limits",
     "Mimic",

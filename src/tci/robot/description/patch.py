@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field
 
+from tci.messages.frames import Array, read_only, rotation_rpy, transform
 from tci.robot.description.base import Description, Vector
 from tci.robot.description.sensor import Sensor
 
@@ -29,6 +32,35 @@ class TruncatedCone(Description):
     """Number of rings of taxels, evenly spaced along the axis."""
     per_ring: int
     """Number of taxels in each ring. Every second ring is turned by half the angle between two taxels."""
+
+
+class Grid(Description):
+    """A flat pad with equal taxels in rows and columns. In the frame of the pad, z points outward, rows are
+    counted along x, columns along y, and the origin is the middle of the surface that is touched."""
+
+    kind: Literal["grid"] = "grid"
+    rows: int
+    columns: int
+    length: float
+    """Size [m] of the pad along x: each row takes length / rows."""
+    width: float
+    """Size [m] of the pad along y."""
+    thickness: float = 0.0
+    """Depth [m] of the pad below its surface. Collisions count it as part of the link; 0 if the model's own
+    shapes contain it."""
+    order: Literal["row-major", "column-major"] = "row-major"
+    """Order of the taxels in a frame: one row after the other, or one column after the other."""
+    mirrored: bool = False
+    """True if columns are counted against y."""
+    origin: Vector = (0.0, 0.0, 0.0)
+    """Middle (3,) [m] of the surface, in the frame of the patch's link."""
+    rpy: Vector = (0.0, 0.0, 0.0)
+    """Orientation [rad] of the pad's frame, in the frame of the patch's link."""
+
+    @cached_property
+    def T_LP(self) -> Array:
+        """Pose (4, 4) of the pad's frame P in the frame of the patch's link L."""
+        return read_only(transform(rotation_rpy(*self.rpy), np.array(self.origin)))
 
 
 class TriangularModules(Description):
@@ -89,10 +121,12 @@ class Patch(Description):
     """Roll, pitch, yaw [rad] by which the skin is rotated about the origin of its link, before the shift by
     `xyz`."""
     sensor: Sensor
-    surface: Annotated[TruncatedCone | TriangularModules | Table, Field(discriminator="kind")]
+    surface: Annotated[TruncatedCone | Grid | TriangularModules | Table, Field(discriminator="kind")]
     rigid: bool = False
     """True if the taxels are under one rigid plate, such as the load cells of a foot. All pressed taxels of
     the patch then form one contact."""
+    assumed: bool = False
+    """True if nobody has seen this skin on the robot: it is proposed, or worn only in simulation."""
     neighbours: float | None = None
     """Largest distance [m] between neighbouring taxels. Neighbours that are pressed form one contact. If
     None, the value is computed from the distances between taxels; `tci skin fit` prints these distances."""
@@ -102,3 +136,9 @@ class Patch(Description):
         """True if the patch has no taxels and sends no frames: touches on the patch are detected from the
         torques of joints."""
         return self.sensor.joints
+
+    @cached_property
+    def mount(self) -> Array:
+        """Transform (4, 4) by `xyz` and `rpy`, from the described places of taxels to their places in the
+        frame of the link."""
+        return read_only(transform(rotation_rpy(*self.rpy), np.array(self.xyz)))

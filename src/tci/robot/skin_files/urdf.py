@@ -7,9 +7,9 @@
 </sensor>
 ```
 
-Instead of an array, a sensor may have a list of `<taxel idx= xyz= rpy=>`. The z axis of a taxel is its
-normal. In an array, the row number increases along x, and the column number along y. The format is documented
-at github.com/ubi-agni/tactile_toolbox (urdf_tactile).
+Instead of an array, a sensor may have a list of `<taxel idx= xyz= rpy=>`; beside it, an array is ignored. The
+z axis of a taxel is its normal. In an array, the row number increases along x, and the column number along y.
+The format is documented at github.com/ubi-agni/tactile_toolbox (urdf_tactile).
 """
 
 from __future__ import annotations
@@ -110,11 +110,11 @@ def _sensor(element: etree._Element, source: str, links: set[str], faults: Fault
     tactile = _children(element, "tactile")[0]
     taxels, arrays = _children(tactile, "taxel"), _children(tactile, "array")
     rate = _numbers(element, "update_rate", 1, faults, most=1e5) if element.get("update_rate") else None
-    if bool(taxels) == bool(arrays) or len(arrays) > 1:
-        faults.add(line, f"sensor {shown(name)} has {len(taxels)} <taxel> and {len(arrays)} <array>; valid: "
-                   "taxels or one array")  # fmt: skip
+    if not taxels and len(arrays) != 1:
+        faults.add(line, f"sensor {shown(name)} has no <taxel> and {len(arrays)} <array>; valid: taxels or "
+                   "one array")  # fmt: skip
         return None
-    found = _array(arrays[0], faults) if arrays else _taxels(taxels, faults)
+    found = _taxels(taxels, faults) if taxels else _array(arrays[0], faults)
     if found is None or pose is None or not fine:
         return None
     index, poses, area = found

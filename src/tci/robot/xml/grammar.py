@@ -20,6 +20,7 @@ from tci.robot.description import (
     Description,
     GenericPart,
     GenericServo,
+    Grid,
     Kind,
     Limits,
     Mimic,
@@ -286,6 +287,21 @@ SURFACES = {
         },
         may={"origin": POINT, "rpy": ORIENTATION}, describes=TruncatedCone,
     ),
+    "grid": Element(
+        "A flat pad of taxels in rows and columns. In its frame, z points outward, rows are counted along x "
+        "over the `length`, columns along y over the `width`; `origin` is the middle of the surface. A "
+        "frame lists the taxels row by row, or column by column with `order=\"column-major\"`; "
+        "`mirrored=\"true\"` counts columns against y. A pad with a `thickness` is part of its link in "
+        "collisions.",
+        needs={
+            "rows": Integer(1, 1000), "columns": Integer(1, 1000), "length": LENGTH, "width": LENGTH,
+        },
+        may={
+            "thickness": Number(0.0, 0.1, unit="m"), "order": _choice(Grid, "order"), "mirrored": Flag(),
+            "origin": POINT, "rpy": ORIENTATION,
+        },
+        describes=Grid,
+    ),
     "triangular_modules": Element(
         "Triangular modules of ten taxels each. The frame of each module is a frame of the model.",
         some={
@@ -313,9 +329,12 @@ PATCH = Element(
     'A patch of skin on one link. A patch without `segment` has no place on a limb (for example on the '
     'head). `rigid="true"` means that a rigid plate covers all taxels, like the load cells under a foot; '
     'all pressed taxels then form one contact. `xyz` and `rpy` move all taxels of the patch relative to '
-    'the link; `tci skin mount` computes them.',
+    'the link; `tci skin mount` computes them. `assumed="true"`: nobody has seen this skin on the robot.',
     needs={"name": NAME, "part": NAME, "link": NAME, "rate": RATE, "channels": Integer(1, 100_000)},
-    may={"segment": NAME, "rigid": Flag(), "neighbours": LENGTH, "xyz": POINT, "rpy": ORIENTATION},
+    may={
+        "segment": NAME, "rigid": Flag(), "assumed": Flag(), "neighbours": LENGTH, "xyz": POINT,
+        "rpy": ORIENTATION,
+    },
     once=SENSORS | SURFACES, describes=Patch,
 )  # fmt: skip
 

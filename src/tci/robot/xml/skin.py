@@ -9,7 +9,15 @@ from typing import Literal
 
 import numpy as np
 
-from tci.robot.description import THROUGH_JOINTS, Patch, Sensor, Table, TriangularModules, TruncatedCone
+from tci.robot.description import (
+    THROUGH_JOINTS,
+    Grid,
+    Patch,
+    Sensor,
+    Table,
+    TriangularModules,
+    TruncatedCone,
+)
 from tci.robot.xml.document import Faults
 from tci.robot.xml.grammar import SENSORS, SURFACES
 from tci.robot.xml.model import beside
@@ -114,12 +122,16 @@ def _places(patch: Node) -> int | None:
 
 def _surface(
     patch: Node, source: Path, channels: int | None, faults: Faults
-) -> TruncatedCone | TriangularModules | Table | None:
+) -> TruncatedCone | Grid | TriangularModules | Table | None:
     node = _only_one(patch, SURFACES, "surface", faults)
     if node is None:
         return None
     if node.tag == "truncated_cone":
-        return _cone(node, channels, faults)
+        _check_count(node, "rings", "per_ring", channels, faults)
+        return TruncatedCone(**node.fields) if node.ok else None
+    if node.tag == "grid":
+        _check_count(node, "rows", "columns", channels, faults)
+        return Grid(**node.fields) if node.ok else None
     if node.tag == "triangular_modules":
         return _modules(node, channels, faults)
     path = beside(node, source, "table", faults)
@@ -128,14 +140,13 @@ def _surface(
     return Table(**node.fields | {"file": str(path)})
 
 
-def _cone(node: Node, channels: int | None, faults: Faults) -> TruncatedCone | None:
-    rings, per_ring = node.get("rings"), node.get("per_ring")
-    if None not in (rings, per_ring, channels) and rings * per_ring != channels:
+def _check_count(node: Node, outer: str, inner: str, channels: int | None, faults: Faults) -> None:
+    lines, each = node.get(outer), node.get(inner)
+    if None not in (lines, each, channels) and lines * each != channels:
         faults.add(
             node.line,
-            f"{rings} rings of {per_ring} are {rings * per_ring} taxels, the patch has {channels} channels",
+            f"{lines} {outer} of {each} are {lines * each} taxels, the patch has {channels} channels",
         )
-    return TruncatedCone(**node.fields) if node.ok else None
 
 
 def _modules(node: Node, channels: int | None, faults: Faults) -> TriangularModules | None:

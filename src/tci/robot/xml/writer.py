@@ -13,6 +13,7 @@ from tci.robot.description import (
     USUAL_ACTUATORS,
     GenericPart,
     GenericServo,
+    Grid,
     Patch,
     Robot,
     Servo,
@@ -33,7 +34,7 @@ def write_robot(
     is to be read without its meshes.
 
     Raises TciError if the robot has couplings, attached models, transforms of the kind `coupled`, response
-    curves, or skin other than cones: this function can't write them.
+    curves, or skin other than cones and grids: this function can't write them.
     """
     if robot.couplings:
         raise TciError("couplings are not written; add them by hand")
@@ -141,8 +142,8 @@ def _generic_servo(part: _Written, robot: Robot, home: str, servo: GenericServo)
 
 
 def _patch(skin: _Written, patch: Patch) -> None:
-    if not isinstance(patch.surface, TruncatedCone):
-        raise TciError(f"the skin {patch.name} is no truncated cone and is not written; add it by hand")
+    if not isinstance(patch.surface, TruncatedCone | Grid):
+        raise TciError(f"the skin {patch.name} is no cone or grid and is not written; add it by hand")
     if patch.sensor.response:
         raise TciError(f"the response curve of the skin {patch.name} is not written; add it by hand")
     written = skin.add("patch", patch)

@@ -1,0 +1,104 @@
+"""Tactile devices that people own (`tactile_devices.toml`): their pads, and how a pad's values lie."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Literal
+
+from tci.errors import UnknownNameError
+
+ALIKE = 0.15
+"""Largest relative difference between a pad's size in a model and in the table. Assumed: the pads of the left
+and the right Inspire hand differ from each other by 2 %, the tip of the thumb from the other tips by 9 %."""
+
+
+@dataclass(frozen=True, slots=True)
+class DevicePad:
+    """One pad of a device."""
+
+    name: str
+    rows: int
+    columns: int
+    fingers: tuple[str, ...] = ()
+    """Places that have such a pad: fingers, or "palm"; empty if it may be anywhere."""
+    size: tuple[float, float] | None = None
+    """Size [m] along the rows and along the columns; None if no source tells it."""
+    order: Literal["row-major", "column-major"] = "row-major"
+    from_last_row: bool = False
+    """True if a frame begins with the last row."""
+
+    @property
+    def channels(self) -> int:
+        return self.rows * self.columns
+
+    def misfit(self, size: tuple[float, float]) -> float:
+        """Largest relative difference from a pad of this `size` [m]; infinite if the size is unknown."""
+        if self.size is None:
+            return float("inf")
+        return max(abs(own / other - 1.0) for own, other in zip(size, self.size, strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """A tactile hand, or a single pad."""
+
+    name: str
+    title: str
+    sources: tuple[str, ...]
+    values: tuple[int, int]
+    """Smallest and largest raw value of a taxel."""
+    pads: tuple[DevicePad, ...]
+    newton_per_count: float | None = None
+
+
+@cache
+def devices() -> tuple[Device, ...]:
+    """All devices of the table."""
+    table = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+    return tuple(
+        Device(
+            name=one["name"], title=one["title"], sources=tuple(one["sources"]),
+            values=(one["values"][0], one["values"][1]), newton_per_count=one.get("newton_per_count"),
+            pads=tuple(_pad(dict(pad)) for pad in one["pad"]),
+        )
+        for one in table["device"]
+    )  # fmt: skip
+
+
+def _pad(pad: dict[str, object]) -> DevicePad:
+    size = pad.pop("size_mm", None)
+    if isinstance(size, list):
+        pad["size"] = (1e-3 * size[0], 1e-3 * size[1])
+    return DevicePad(**pad | {"fingers": tuple(pad.get("fingers", ()))})  # type: ignore[arg-type]
+
+
+def device(name: str) -> Device:
+    """Raises UnknownNameError, with the valid names, for a device that the table lacks."""
+    for one in devices():
+        if one.name == name:
+            return one
+    raise UnknownNameError("tactile device", name, [one.name for one in devices()])
+
+
+def best_fit(
+    sizes: Collection[tuple[float, float]], place: str | None
+) -> tuple[Device, DevicePad, tuple[float, float]] | None:
+    """The device and its pad whose size is nearest to one of `sizes`, and this size; None if none is alike.
+
+    Args:
+        sizes: Size [m] of the pad along its rows and its columns, in each way in which these may lie.
+        place: Finger on which the pad is, or "palm"; None if it is unknown.
+    """
+    found = [
+        (pad.misfit(size), one.name, one, pad, size)
+        for one in devices()
+        for pad in one.pads
+        if place is None or not pad.fingers or place in pad.fingers
+        for size in sizes
+    ]
+    misfit, _, one, pad, size = min(found, key=lambda row: row[0])
+    return (one, pad, size) if misfit <= ALIKE else None

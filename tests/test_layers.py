@@ -23,6 +23,7 @@ LAYERS = (
     "joint_touch",
     "gate",
     "body",
+    "touches",
     "gestures",
     "capabilities",
     "exports",

@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from tci.runtime.result import RunResult as RunResult
     from tci.runtime.stepper import Stepper as Stepper
     from tci.simulation.world import World as World
+    from tci.touches.touch import Touch as Touch
 else:
     __all__, __getattr__, __dir__ = lazy_names(__name__)
 

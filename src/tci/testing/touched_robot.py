@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,11 @@ from tci.robot.like import RobotLike, as_robot
 from tci.skin.kernels.contacts import fill_around
 from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface
+from tci.touches.kinds import Kind
+from tci.touches.laid import LaidTouches
+from tci.touches.person import Person
+from tci.touches.planned_touch import plan
+from tci.touches.touch import Touch
 
 PERIOD = 0.02
 """Time [s] between perceptions. Assumed: skin at 50 Hz, the lowest rate among the described robots."""
@@ -26,6 +31,8 @@ WIDTH = 0.6
 """Standard deviation of a touch's pressure, relative to the distance of neighbouring taxels. Assumed: when a
 fingertip presses on one taxel, the pressure on the taxels beside it is a quarter of the pressure on that
 taxel."""
+AFTER = 0.3
+"""Time [s] without touch at the end of `TouchedRobot.feel`. Assumed: contacts are told to be over by then."""
 
 
 def perception(
@@ -83,16 +90,56 @@ class TouchedRobot:
         Raises UnknownNameError for an unknown patch or taxel, CommandError for a force that is negative or
         not finite.
         """
-        self._count += 1
-        now = self._count * PERIOD
         patches = self.robot.skin if touch is None else (self.robot.patch(touch), *self.robot.patches)
         values = {patch.name: np.full(patch.channels, patch.sensor.rest) for patch in patches}
         if touch is not None:
             self._press(values[touch], patches[0], taxel, force)
-        frames = (SkinFrame(name, now, self._count, read_only(raw)) for name, raw in values.items())
+        return self._perceive(values)
+
+    def feel(
+        self,
+        touches: Touch | str | Iterable[Touch | str],
+        *,
+        persons: Mapping[str, Person] | None = None,
+        kinds: Mapping[str, Kind] | None = None,
+        seed: int = 0,
+    ) -> Iterator[Perception]:
+        """The perceptions of touches such as `"stroke 'left forearm' 3N 8cm/s"`, one every `PERIOD`, until
+        shortly after the last touch. Times of onset count from now.
+
+        The pressure is laid on the taxels without physics, so skin that feels only joint torques feels
+        nothing. Raises the errors of `tci.touches.plan`, at once.
+        """
+        laid = LaidTouches(
+            self.body,
+            plan(
+                self.body, touches, persons=persons, kinds=kinds, joints=self._joints(self.now), seed=seed
+            ),
+        )  # fmt: skip
+        return self._feel(laid)
+
+    @property
+    def now(self) -> float:
+        """Time [s] of the latest perception."""
+        return self._count * PERIOD
+
+    def _feel(self, laid: LaidTouches) -> Iterator[Perception]:
+        rest = {patch.name: np.full(patch.channels, patch.sensor.rest) for patch in self.robot.skin}
+        times = np.arange(0.0, laid.end + AFTER, PERIOD)
+        for block in np.array_split(times, len(times) // 256 + 1):
+            touched = laid.frames(block)
+            for row in range(len(block)):
+                yield self._perceive({**rest, **{patch: raw[row] for patch, raw in touched.items()}})
+
+    def _perceive(self, values: Mapping[str, Array]) -> Perception:
+        """Advances the time by one `PERIOD`, with the raw values (channels,) of each patch."""
+        self._count += 1
+        frames = (SkinFrame(name, self.now, self._count, read_only(raw)) for name, raw in values.items())
+        return self._perceiver.step(Reading(self._joints(self.now), tuple(frames)), self.now)
+
+    def _joints(self, now: float) -> JointReading:
         still = read_only(np.zeros(len(self._position)))
-        joints = JointReading(now, self._count, read_only(self._position), still)
-        return self._perceiver.step(Reading(joints, tuple(frames)), now)
+        return JointReading(now, self._count, read_only(self._position), still)
 
     def _press(self, values: Array, patch: Patch, taxel: int | None, force: float) -> None:
         """Adds a touch of `force` [N] on `taxel` (None: the taxel nearest to the middle of the patch) to the

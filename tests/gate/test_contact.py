@@ -6,6 +6,8 @@ The judge is a plant of rigid bodies that shares nothing with the gate (`helpers
 from __future__ import annotations
 
 import ast
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -14,12 +16,22 @@ from helpers import HELPERS
 from helpers.gate_checks import PERIOD, make_robot, position_command, reading
 from helpers.rigid_robot import RigidDriver, RigidRobot
 from helpers.squeezed import draw, squeeze
-from tci.body.generic_body import GenericBody
+from tci.body.generic_body import GenericBody, order_to_platform
 from tci.capabilities.capability import Capability
-from tci.errors import CommandError
+from tci.errors import CommandError, UnknownNameError
 from tci.gate.contact import ContactSettings
 from tci.gate.gate import Gate, GateSettings, GateState
-from tci.messages import Contacts, GenericCommand, Mode, Order, Perception, PlatformOrder, PlatformSwitch
+from tci.messages import (
+    Contacts,
+    ExpectContact,
+    GenericCommand,
+    Mode,
+    Order,
+    Perception,
+    PlatformCommand,
+    PlatformOrder,
+    PlatformSwitch,
+)
 from tci.messages.contacts import CONTACT, TAXEL, Site
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
@@ -37,6 +49,8 @@ class Held:
     def __init__(self, *, at: float = 0.5, settings: GateSettings = ANSWERS) -> None:
         self.gate = Gate(make_robot(), period=PERIOD, stale_after=0.05, settings=settings, streams=True)
         self.angles, self.at, self.now = np.zeros(6), at, 0.0
+        self.hand = np.zeros(6)
+        """How far [rad] somebody, or gravity, bends each joint."""
         self.told: list[str] = []
         self.refused: list[Code] = []
 
@@ -44,13 +58,28 @@ class Held:
         """`stale` is the age [s] of the joint data."""
         seen = reading(self.angles, self.now - stale)
         safe = self.gate.step(orders, seen, self.now, contacts=contacts)
-        self.angles[safe.servos] = safe.position
+        self.safe = safe
+        self.angles[safe.servos] = safe.position + self.hand[safe.servos]
         self.angles[2] = min(self.angles[2], self.at)
         self.told += [one.text for one in safe.clamped if one.code is Code.CONTACT]
         self.refused += [one.code for one in safe.refusals]
         self.now += PERIOD
         self.sent = dict(zip(safe.servos.tolist(), safe.position.tolist(), strict=True))
         return safe.position
+
+
+def pressed(force: float) -> Contacts:
+    """One contact on the skin of the arm."""
+    rows = np.zeros(1, CONTACT)
+    rows["identity"], rows["force"] = 7, force
+    site = Site("skin", "left_arm", "forearm")
+    return Contacts(
+        (site,), np.zeros(1), np.zeros(1, np.int64), rows, np.zeros(2, np.int64), np.zeros(0, TAXEL)
+    )
+
+
+def expect(force: float) -> PlatformCommand:
+    return order_to_platform(make_robot(), ExpectContact("left_arm", force), np.zeros(6))  # type: ignore[return-value]
 
 
 def test_a_held_joint_goes_back_and_is_told() -> None:
@@ -175,13 +204,7 @@ def test_a_way_back_never_leads_nearer() -> None:
 
 
 def test_skin_that_is_unknown_for_one_reading_does_not_end_a_contact() -> None:
-    held = Held(at=10.0)
-    rows = np.zeros(1, CONTACT)
-    rows["identity"], rows["force"] = 7, 20.0
-    site = Site("skin", "left_arm", "forearm")
-    felt = Contacts(
-        (site,), np.zeros(1), np.zeros(1, np.int64), rows, np.zeros(2, np.int64), np.zeros(0, TAXEL)
-    )
+    held, felt = Held(at=10.0), pressed(20.0)
     held.step(position_command([2], [1.5]))
     for _ in range(100):
         held.step()
@@ -193,6 +216,147 @@ def test_skin_that_is_unknown_for_one_reading_does_not_end_a_contact() -> None:
         held.step(contacts=felt)
     held.step(position_command([2], [1.5]), contacts=felt)
     assert held.refused == [Code.CONTACT]
+
+
+@pytest.mark.parametrize(("force", "answers"), [(20.0, False), (40.0, True)])
+def test_contact_that_a_capability_expects_is_left_to_it_up_to_its_force(force: float, answers: bool) -> None:
+    held = Held(at=10.0)
+    held.step(position_command([2], [1.5]))
+    for count in range(200):
+        held.step(expect(30.0), contacts=pressed(force) if count > 100 else None)
+    assert bool(held.told) is answers
+    assert held.safe.met[0].answer == ("retreat" if answers else "expected")
+
+
+def test_a_held_joint_is_left_to_the_capability_only_if_skin_feels_how_hard() -> None:
+    for contacts, answers in ((pressed(12.0), False), (None, True)):
+        held = Held()
+        held.step(position_command([2], [1.5]))
+        for _ in range(600):
+            held.step(expect(30.0), contacts=contacts)
+        assert bool(held.told) is answers
+
+
+def test_an_expectation_expires() -> None:
+    held = Held(at=10.0)
+    held.step(position_command([2], [1.5]), expect(30.0))
+    for _ in range(100):
+        held.step()
+    for _ in range(20):
+        held.step(contacts=pressed(20.0))
+    assert not held.told, "within half a second"
+    held = Held(at=10.0)
+    held.step(expect(30.0))
+    for _ in range(300):
+        held.step()
+    held.step(position_command([2], [1.5]))
+    for _ in range(50):
+        held.step()
+    for _ in range(20):
+        held.step(contacts=pressed(20.0))
+    assert held.told
+
+
+@pytest.mark.parametrize("force", [-1.0, 66.0, np.nan])
+def test_an_impossible_expectation_is_refused(force: float) -> None:
+    with pytest.raises(CommandError, match="valid: 0 to 65 N"):
+        ExpectContact("left_arm", force)
+    held = Held()
+    held.step(replace(expect(1.0), values=np.full(5, force)))
+    assert held.refused
+
+
+def test_a_resting_arm_that_is_pressed_gives_way_and_still_obeys() -> None:
+    held = Held(at=10.0)
+    held.step(position_command([2], [0.5]))
+    for _ in range(1200):
+        held.step()
+    for _ in range(400):
+        held.hand[2] = min(held.hand[2] + np.deg2rad(0.02), np.deg2rad(1.0))
+        held.step(contacts=pressed(20.0))
+    assert not held.told
+    assert held.safe.met[0].answer == "soft"
+    assert held.sent[2] > 0.5 + np.deg2rad(20.0), "it followed the hand"
+    held.hand[:] = 0.0
+    for _ in range(100):
+        held.step()
+    rests = held.sent[2]
+    for _ in range(100):
+        held.step()
+    assert held.sent[2] == pytest.approx(rests), "and stays where it was left"
+    for _ in range(10):
+        held.step(contacts=pressed(20.0))
+    held.step(position_command([2], [0.2]), contacts=pressed(20.0))
+    for _ in range(1200):
+        held.step(contacts=pressed(20.0))
+    assert not held.refused
+    assert held.sent[2] == pytest.approx(0.2)
+
+
+def test_an_arm_sags_no_further_when_it_gives_way() -> None:
+    """A joint that gravity bends by a degree: its reference keeps that distance."""
+    held = Held(at=10.0)
+    held.hand[2] = -np.deg2rad(1.0)
+    held.step(position_command([2], [0.5]))
+    for _ in range(1200):
+        held.step()
+    for _ in range(1000):
+        held.step(contacts=pressed(20.0))
+    assert held.sent[2] == pytest.approx(0.5, abs=np.deg2rad(0.3))
+
+
+def test_a_pat_is_told_and_answered_by_nobody() -> None:
+    held = Held(at=10.0)
+    held.step(position_command([2], [0.5]))
+    for pulse in range(1200):
+        held.step(contacts=pressed(12.0) if pulse % 100 < 30 else None)
+    held.step(contacts=pressed(12.0))
+    assert [(one.part, one.force, one.joint, one.answer) for one in held.safe.met] == [
+        ("left_arm", 12.0, None, "told")
+    ]
+    assert held.gate.state is GateState.RUN
+    assert not held.told
+
+
+@pytest.mark.parametrize("answer", ["soft", "stop"])
+def test_a_part_may_give_way_or_stay_stiff_instead_of_going_back(answer: Literal["soft", "stop"]) -> None:
+    held = Held(settings=GateSettings(contact=ContactSettings(answers={"left_arm": answer})))
+    held.step(position_command([2], [1.5]))
+    for _ in range(400):
+        held.step()
+    assert held.told
+    assert not held.refused
+    if answer == "soft":
+        assert held.sent[2] == pytest.approx(held.at, abs=1e-6)
+    else:
+        assert held.at < held.sent[2] < held.at + np.deg2rad(10.0)
+    with pytest.raises(UnknownNameError, match="tail"):
+        Held(settings=GateSettings(contact=ContactSettings(answers={"tail": answer})))
+
+
+def test_an_operator_frees_what_a_part_that_stops_holds() -> None:
+    held = Held(settings=GateSettings(contact=ContactSettings(answers={"left_arm": "stop"})))
+    with pytest.raises(CommandError, match="nothing is in contact"):
+        held.gate.free()
+    held.step(position_command([2], [1.5]))
+    for _ in range(400):
+        held.step()
+    held.gate.stop("an operator's button")
+    held.step()
+    before = held.sent[2]
+    with pytest.raises(CommandError, match=r"gate.free\(\)"):
+        held.gate.reset()
+    assert held.sent[2] == before, "reset never moves"
+    held.gate.free()
+    fastest = 0.0
+    for _ in range(1200):
+        last = held.sent[2]
+        held.step()
+        fastest = max(fastest, abs(held.sent[2] - last) / PERIOD)
+    assert held.sent[2] < held.at
+    assert fastest <= np.deg2rad(10.01)
+    assert held.gate.state is GateState.STOP
+    held.gate.reset()
 
 
 def test_after_the_clock_went_back_a_contact_still_ends() -> None:

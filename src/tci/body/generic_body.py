@@ -14,7 +14,7 @@ from tci.body.cartesian import Reach, cartesian_to_platform, reach_of
 from tci.body.coverage import Coverage
 from tci.body.landmarks import Landmarks
 from tci.body.places import Place, find_place
-from tci.body.posture import generic_columns, home, switch, to_platform
+from tci.body.posture import expected, generic_columns, home, switch, to_platform
 from tci.body.retreat import Retreat
 from tci.body.support import StaticStability
 from tci.errors import CommandError, TciError
@@ -22,6 +22,7 @@ from tci.joint_touch.contacts import JointTouchSettings
 from tci.messages import (
     CartesianCommand,
     Contact,
+    ExpectContact,
     GenericCommand,
     JointReading,
     Landmark,
@@ -301,6 +302,8 @@ def order_to_platform(robot: Robot, order: Order, position: Array) -> PlatformOr
             return order
         case SwitchMode():
             return switch(robot, order)
+        case ExpectContact():
+            return expected(robot, order)
         case CartesianCommand():
             return cartesian_to_platform(robot, order, position)
 

@@ -8,7 +8,15 @@ import numpy as np
 
 from tci.errors import CommandError
 from tci.gate.acceptance import is_likely_degrees
-from tci.messages import CartesianCommand, GenericCommand, Mode, PlatformCommand, PlatformSwitch, SwitchMode
+from tci.messages import (
+    CartesianCommand,
+    ExpectContact,
+    GenericCommand,
+    Mode,
+    PlatformCommand,
+    PlatformSwitch,
+    SwitchMode,
+)
 from tci.messages.frames import Array, frozen, read_only
 from tci.robot.description import GenericPart, Robot
 from tci.robot.joint_map import initial_position, joint_map
@@ -81,6 +89,8 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
             f"{command.mode.value} of {part.name}: {part.servos[worst].name} at {values[worst]:g} rad is "
             f"more than a full turn; {valid}"
         )
+    if command.mode is Mode.EXPECTED_CONTACT:
+        raise CommandError(f"{command.mode.value} of {command.part}; valid: an ExpectContact")
     if not joints.servos.size:
         part = robot.part(command.part)
         lacks = ", ".join(joint.name for joint in part.servos)
@@ -142,6 +152,13 @@ def switch(robot: Robot, request: SwitchMode) -> PlatformSwitch:
     Raises UnknownNameError for an unknown part.
     """
     return PlatformSwitch(joint_map(robot, request.part).servos, request.mode)
+
+
+def expected(robot: Robot, order: ExpectContact) -> PlatformCommand:
+    """Raises UnknownNameError for an unknown part."""
+    joints = joint_map(robot, order.part)
+    force = frozen(np.full(len(joints.servos), float(order.force)))
+    return PlatformCommand(Mode.EXPECTED_CONTACT, joints.servos, force, joints.unlimited)
 
 
 def home(part: GenericPart) -> tuple[GenericCommand, ...]:

@@ -12,13 +12,14 @@ from tci.capabilities.capability import Capability
 from tci.capabilities.orders import begin_of, claims_of, pause_of, resume_of, step_of
 from tci.capabilities.wrapper import unwrapped
 from tci.errors import CommandError
-from tci.messages import CartesianCommand, Command, GenericCommand, Mode, Order, Perception, SwitchMode
+from tci.messages import CartesianCommand, GenericCommand, Mode, Order, Perception, SwitchMode
 from tci.robot.joint_map import joint_map
 
 SHARES = (Mode.STIFFNESS, Mode.DAMPING)
 ANGLES = (Mode.POSITION, Mode.IMPEDANCE)
 """Modes whose targets may be ordered again. A velocity or torque was meant for its instant only."""
-Wanted = Mapping[tuple[str, Mode | None], Command]
+Motion = GenericCommand | CartesianCommand | SwitchMode
+Wanted = Mapping[tuple[str, Mode | None], Motion]
 """What a capability last ordered, by part: under None its last motion or change of the mode, under STIFFNESS
 and DAMPING its last such order."""
 
@@ -36,7 +37,7 @@ class Layer:
     taken: frozenset[str] = frozenset()
     """Parts that others hold, against it."""
 
-    def last(self, part: str) -> Command | None:
+    def last(self, part: str) -> Motion | None:
         """Its last order that moves a part or changes its mode."""
         return (self.wanted or {}).get((part, None))
 
@@ -73,23 +74,23 @@ def step_layer(
 
 
 def _with_orders(wanted: Wanted, orders: Iterable[Order]) -> Wanted:
-    new: dict[tuple[str, Mode | None], Command] = {}
+    new: dict[tuple[str, Mode | None], Motion] = {}
     for order in orders:
         if isinstance(order, GenericCommand) and order.mode in SHARES:
             new[order.part, order.mode] = order
-        elif isinstance(order, Command):
+        elif isinstance(order, Motion):
             new[order.part, None] = order
     return {**wanted, **new} if new else wanted
 
 
-def _ready(wanted: Wanted, part: str) -> Iterator[Command]:
+def _ready(wanted: Wanted, part: str) -> Iterator[Motion]:
     """The mode, stiffness and damping in which a capability moves a part."""
     if (part, None) in wanted:
         yield SwitchMode(part, _mode(wanted[part, None]))
     yield from (wanted[part, share] for share in SHARES if (part, share) in wanted)
 
 
-def _again(wanted: Wanted, part: str) -> Iterator[Command]:
+def _again(wanted: Wanted, part: str) -> Iterator[Motion]:
     """What brings a part that came back to where a capability left it."""
     yield from _ready(wanted, part)
     last = wanted.get((part, None))
@@ -97,7 +98,7 @@ def _again(wanted: Wanted, part: str) -> Iterator[Command]:
         yield last
 
 
-def _mode(order: Command) -> Mode:
+def _mode(order: Motion) -> Mode:
     return Mode.POSITION if isinstance(order, CartesianCommand) else order.mode
 
 
@@ -113,7 +114,7 @@ def with_modes(orders: Iterable[Order], before: Sequence[Layer], after: Sequence
     """
     switched: dict[str, Mode] = {}
     for order in orders:
-        if not isinstance(order, Command) or (isinstance(order, GenericCommand) and order.mode in SHARES):
+        if not isinstance(order, Motion) or (isinstance(order, GenericCommand) and order.mode in SHARES):
             yield order
             continue
         part, mode = order.part, _mode(order)

@@ -2,22 +2,26 @@
 
 A joint that is held differs from one that lags: a lagging joint is where its reference was a moment ago, a
 held one is nowhere on that way, or stands while its reference went on. That, or a force on skin that began
-while the part moved, means contact. The answer is the gate's own order: back along the measured path, further
-while the joint is still held; where no path is left the reference goes to where the joint is, so that nothing
-presses. Nobody else's order to these servos passes until the contact has been over for a while.
+or grew while the part moved, means contact. The answer is the gate's own order: back along the
+measured path, further while the joint is still held; where no path is left the reference goes to where
+the joint is, so that nothing presses. Nobody else's order to these servos passes until the contact has been
+over for a while. A resting part that somebody presses gives way, and obeys.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.errors import UnknownNameError
+from tci.gate.felt import Felt, FeltForces
 from tci.gate.joint_monitor import Reference
-from tci.messages import Contacts, JointReading, Mode
+from tci.messages import Answer, Contacts, JointReading, Met, Mode
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
@@ -42,11 +46,21 @@ OVERSHOOT = 0.1
 reference turns."""
 LIGHT = 5.0
 """Force [N] on skin below which a contact is over, as a person feels it."""
+UNLOADED = 1.0
+"""Force [N] on skin below which nothing bends a resting joint."""
+YIELDS = float(np.deg2rad(0.3))
+"""Angle [rad] by which somebody bends a soft joint before its reference follows: more than encoders step, and
+half of what 15 N bend a stiff arm by."""
+FREES = float(np.deg2rad(10.0))
+"""Speed [rad/s] with which `free` moves: slow enough to be stopped by hand."""
 OFTEN, WITHIN = 3, 10.0
 """So many reactions of a part within so many seconds [s] end in STOP: somebody is there, and a behaviour
 insists."""
 MADE = 0.3
 """Time [s] after its reference moved last within which a part may have made a contact."""
+EXPECTED_FOR = 0.5
+"""Time [s] after which an `ExpectContact` expires: a capability that is silent for so long handles
+nothing."""
 MOVES = float(np.deg2rad(2.0))
 """Speed [rad/s] above which a reference moves a part, and so may have made a force."""
 
@@ -62,13 +76,29 @@ class ContactSettings:
     lag: float = 0.1
     """Time [s] by which a healthy joint follows: three periods of 100 Hz, a reading of 14 ms, a servo of
     60 rad/s."""
+    told: float = 5.0
+    """Force [N] on skin from which on a contact is told, in `SafeCommand.met`."""
     felt: float = 15.0
-    """Force [N] on skin above which a part that made the contact goes back. ISO/TS 15066 permits 65 N and
-    more; people guide an arm with less than this."""
+    """Force [N] on skin above which a part that made the contact answers, and a resting part that somebody
+    presses gives way. ISO/TS 15066 permits 65 N and more; people guide an arm with less than this."""
     stands: bool = True
     """Whether a joint that stands while its reference goes on is held."""
     quiet: float = 0.5
     """Time [s] without contact after which the part obeys again."""
+    answers: Mapping[str, Literal["retreat", "soft", "stop"]] = field(default_factory=dict)
+    """What a generic part does that made a contact, by its name: go back (which is the default), give way
+    where it is, or stay stiff where its reference stopped."""
+
+
+class Way(NamedTuple):
+    """Where servos go on the gate's own order."""
+
+    servos: NDArray[np.intp]
+    """(k,)."""
+    angles: Array
+    """(k,) [rad]."""
+    speed: float | None
+    """[rad/s]; None is their full speed."""
 
 
 @dataclass(slots=True)
@@ -77,6 +107,7 @@ class _Group:
 
     servos: NDArray[np.intp]
     name: str
+    answer: Literal["retreat", "soft", "stop"] = "retreat"
     path: deque[tuple[float, Array]] = field(default_factory=deque)
     outside: int = 0
     """Successive new readings outside the recent references."""
@@ -91,15 +122,43 @@ class _Group:
     reactions: deque[float] = field(default_factory=deque)
     moved: float = -np.inf
     """When the reference moved last [s]."""
+    expected: float = 0.0
+    """Force [N] that a capability handles itself."""
+    until: float = -np.inf
+    """How long it does [s]."""
+    bent: Array | None = None
+    """Angles [rad] between reference and joint when it rested unloaded: gravity's work."""
+    soft: bool = False
+    """Somebody presses the resting part, and its reference follows."""
+    slow: bool = False
+    """It is freed on an operator's word."""
+
+
+class _Seen(NamedTuple):
+    """What a new reading says of one group."""
+
+    joints: JointReading
+    reference: Reference
+    own: NDArray[np.intp]
+    """Its servos that follow a reference."""
+    worst: int
+    """The one that follows least."""
+    error: float
+    """By how much [rad]."""
+    felt: Felt
+
+
+DOES = {"retreat": "goes back", "soft": "gives way", "stop": "stops"}
 
 
 class ContactReaction:
     """Notices contacts of a robot's groups of servos, and says where each of them must go."""
 
     def __init__(self, robot: Robot, groups: Sequence[int], settings: ContactSettings) -> None:
-        """`groups` (n_servos,) is the number of each servo's group."""
+        """`groups` (n_servos,) is the number of each servo's group. Raises UnknownNameError if the settings
+        name a part that the robot lacks."""
         self._robot, self._settings = robot, settings
-        self._groups = {}
+        self._groups: dict[int, _Group] = {}
         # legs carry the robot, so they stop and stay stiff; a grasp loads the fingers on purpose
         others = {
             groups[one.servo]
@@ -108,30 +167,58 @@ class ContactReaction:
             for one in part.servos
             if one.servo is not None
         }
+        parts: dict[str, set[int]] = {
+            part.name: {groups[one.servo] for one in part.servos if one.servo is not None} - others
+            for part in robot.parts
+        }
         for number in dict.fromkeys(groups):
             if number in others:
                 continue
             own = [servo for servo, group in enumerate(groups) if group == number]
-            self._groups[number] = _Group(np.array(own), robot.servos[own[0]].robot_part)
-        self._parts: dict[str, set[int]] = {
-            part.name: {groups[one.servo] for one in part.servos if one.servo is not None} - others
-            for part in robot.parts
-        }
+            names = [name for name, numbers in parts.items() if number in numbers]
+            self._groups[number] = _Group(
+                np.array(own), " and ".join(names) or robot.servos[own[0]].robot_part
+            )
+        for name, answer in settings.answers.items():
+            if name not in parts:
+                raise UnknownNameError("part", name, parts)
+            for number in parts[name]:
+                self._groups[number].answer = answer
+        self._forces = FeltForces(parts, lambda number: self._moves(self._groups[number]))
         self._past: deque[tuple[float, Array]] = deque()
-        self._made: dict[int, frozenset[int]] = {}  # by contact: the groups that moved when it began
         self._readings: deque[tuple[float, Array]] = deque()
         self._side = np.zeros(len(robot.servos))  # where each joint pushes: 1 towards larger angles
-        self._stamp = -np.inf
+        self._stamp = self._now = -np.inf
+        self._freeing = False
         self.blocked: frozenset[int] = frozenset()
         """Servos that obey nobody else now."""
         self.reason: Reason | None = None
         """Why the gate must stop: a part met something too often."""
+        self.met: tuple[Met, ...] = ()
+        """The contacts of the latest reading, from the lower threshold on."""
+
+    def expect(self, servos: NDArray[np.intp], force: float, now: float) -> None:
+        """Leaves contact up to `force` [N] on the skin of these servos' groups to a capability."""
+        for group in self._groups_of(servos):
+            group.expected, group.until = force, now + EXPECTED_FOR
+
+    def ordered(self, servos: NDArray[np.intp]) -> None:
+        """Somebody's order moves these servos, so they don't give way any more."""
+        for group in self._groups_of(servos):
+            group.soft = False
+
+    def free(self) -> None:
+        """Sends every part that is in contact back with the next reading, slowly."""
+        self._freeing = True
+
+    def _groups_of(self, servos: NDArray[np.intp]) -> Iterator[_Group]:
+        return (one for one in self._groups.values() if np.isin(servos, one.servos).any())
 
     def forget(self) -> None:
         """Forgets paths and reactions, since the servos are under command no more."""
-        self.blocked, self.reason = frozenset(), None
+        self.blocked, self.reason, self.met = frozenset(), None, ()
         for group in self._groups.values():
-            group.goal = None
+            group.goal, group.soft, group.slow, group.expected = None, False, False, 0.0
         self._forget_times()
 
     def _forget_times(self) -> None:
@@ -147,94 +234,160 @@ class ContactReaction:
 
     @property
     def touched(self) -> tuple[str, ...]:
-        """Names of the parts with a contact that is not over."""
-        return tuple(one.name for one in self._groups.values() if one.goal is not None and one.free is None)
+        """Names of the parts that answer a contact which is not over, or are pressed with more than anybody
+        expects."""
+        answer = {one.name for one in self._groups.values() if one.goal is not None and one.free is None}
+        most = self._settings.felt
+        pressed = {one.part for one in self.met if one.force > most and one.answer != "expected"}
+        return tuple(sorted(answer | pressed))
 
     def step(
         self, joints: JointReading, reference: Reference, now: float, contacts: Contacts | None
-    ) -> tuple[list[tuple[NDArray[np.intp], Array]], list[Reason]]:
-        """One period: the ways back that begin now, as servos (k,) and angles (k,) [rad], and what to
-        tell."""
+    ) -> tuple[list[Way], list[Reason]]:
+        """One period: the ways that begin now, and what to tell."""
         if self._past and now < self._past[-1][0]:
             self._forget_times()
+        self._now = now
         self._remember(reference, now)
         if joints.stamp <= self._stamp:
             return [], []
         self._stamp = joints.stamp
-        felt = self._felt(contacts, now)
-        if not self.blocked and not felt and self._follows(joints, reference):
-            self._walk_all(joints)
+        felt = self._forces.step(contacts)
+        freeing, self._freeing = self._freeing, False
+        if not (self.blocked or felt or freeing) and self._follows(joints, reference):
+            self._walk_all(joints, reference)
+            self.met = ()
             return [], []
         error = self._error(joints)
-        ways: list[tuple[NDArray[np.intp], Array]] = []
+        ways: list[Way] = []
         told: list[Reason] = []
+        met: list[Met] = []
         for number, group in self._groups.items():
             own = group.servos[np.isfinite(error[group.servos])]
             if not own.size:
                 continue
             worst = int(own[np.argmax(error[own])])
+            seen = _Seen(joints, reference, own, worst, float(error[worst]), felt.get(number, Felt()))
             goal: Array | None
-            force = felt.get(number, 0.0)
             if group.goal is None:
-                held = error[worst] > self._settings.held
-                group.outside = group.outside + 1 if held else 0
-                if group.outside == 1:
-                    group.seen = joints.stamp
-                made = now - group.moved < MADE
-                if group.outside >= 2 and made:
-                    behind = np.rad2deg(error[worst])
-                    what = f"{self._robot.servos[worst].name} is held {behind:.1f} degrees behind"
-                    goal = self._back(group, joints.position, group.seen - EARLIER, worst, self._side[worst])
-                elif force > self._settings.felt:
-                    what = f"{force:.0f} N on its skin"
-                    goal = self._back(group, joints.position, joints.stamp - EARLIER)
-                else:
-                    self._walk(group, joints)
-                    continue
-                told.append(Reason(Code.CONTACT, f"{group.name} met something: {what}; it goes back"))
-                self._begin(group, now)
+                goal, why = self._look(group, seen, freeing=freeing)
+                if why:
+                    told.append(why)
             else:
-                goal = self._judge(group, own, worst, joints, reference, float(error[worst]), force, now)
+                group.slow = group.slow or freeing
+                goal = self._judge(group, seen)
             if goal is not None:
-                group.goal, group.since, group.free = goal, np.inf, None
-                ways.append((own, goal[np.isin(group.servos, own)]))
+                speed = FREES if group.slow else None
+                ways.append(Way(own, goal[np.isin(group.servos, own)], speed))
+            met += self._tell(group, seen)
+        self.met = tuple(met)
         self.blocked = frozenset(
             int(s) for one in self._groups.values() if one.goal is not None for s in one.servos
         )
         return ways, told
 
-    def _judge(
-        self,
-        group: _Group,
-        own: NDArray[np.intp],
-        worst: int,
-        joints: JointReading,
-        reference: Reference,
-        error: float,
-        force: float,
-        now: float,
-    ) -> Array | None:
+    def _look(self, group: _Group, seen: _Seen, *, freeing: bool) -> tuple[Array | None, Reason | None]:
+        """At a group that nothing has met so far: where it must go, and why."""
+        held = seen.error > self._settings.held
+        group.outside = group.outside + 1 if held else 0
+        if group.outside == 1:
+            group.seen = seen.joints.stamp
+        allowed = group.expected if self._now < group.until else 0.0
+        expected = LIGHT < seen.felt.force <= allowed
+        since: tuple[float, int | None] | None = None
+        what = f"{seen.felt.force:.0f} N on its skin"
+        if group.outside >= 2 and self._moves(group) and not expected:
+            behind = np.rad2deg(seen.error)
+            what = f"{self._robot.servos[seen.worst].name} is held {behind:.1f} degrees behind"
+            since = group.seen - EARLIER, seen.worst
+        elif seen.felt.made > max(self._settings.felt, allowed):
+            since = seen.joints.stamp - EARLIER, None
+        elif freeing and (held or seen.felt.force > LIGHT):
+            since, group.slow = (np.inf, seen.worst if held else None), True
+        if since is None:
+            self._walk(group, seen.joints)
+            return self._yield(group, seen, max(self._settings.felt, allowed)), None
+        position = seen.joints.position
+        if group.answer == "retreat" or group.slow:
+            goal = self._back(group, position, *since, self._side[seen.worst])
+        elif group.answer == "soft":
+            goal = position[group.servos].copy()
+        else:
+            goal = self._references(group, seen.reference, position)
+        self._begin(group, goal, freed=group.slow)
+        return goal, Reason(Code.CONTACT, f"{group.name} met something: {what}; it {DOES[group.answer]}")
+
+    def _yield(self, group: _Group, seen: _Seen, most: float) -> Array | None:
+        """A resting part that is pressed with more than `most` [N] follows the hand: its reference stays as
+        far from the joint as gravity alone bends it."""
+        here = seen.joints.position[group.servos]
+        reference = self._references(group, seen.reference, seen.joints.position)
+        if group.bent is None or (seen.felt.force < UNLOADED and not self._moves(group)):
+            group.bent = np.clip(reference - here, -self._settings.held, self._settings.held)
+        if seen.felt.force > most and not self._moves(group):
+            group.soft = True
+        elif seen.felt.force <= LIGHT:
+            group.soft = False
+        goal: Array = here + group.bent
+        return goal if group.soft and np.abs(goal - reference).max() > YIELDS else None
+
+    def _moves(self, group: _Group) -> bool:
+        """True if a group may have made a contact: it moves, or did a moment ago, and not because somebody
+        pushes it."""
+        return not group.soft and self._now - group.moved < MADE
+
+    def _references(self, group: _Group, reference: Reference, position: Array) -> Array:
+        """References (k,) [rad] of a group; where it has none, where the joint is."""
+        whole = position.copy()
+        whole[reference.servos] = reference.position
+        found: Array = whole[group.servos]
+        return found
+
+    def _tell(self, group: _Group, seen: _Seen) -> Iterator[Met]:
+        over = group.goal is None or group.free is not None
+        held = group.outside >= 2 or (group.goal is not None and seen.error > 0.5 * self._settings.held)
+        if over and not held and seen.felt.force < self._settings.told:
+            return
+        answer: Answer = "told"
+        if group.goal is not None:
+            answer = group.answer
+        elif group.soft:
+            answer = "soft"
+        elif self._now < group.until and seen.felt.force <= group.expected:
+            answer = "expected"
+        joint = self._robot.servos[seen.worst].name if held else None
+        yield Met(group.name, seen.felt.force, joint, seen.error if held else 0.0, answer)
+
+    def _judge(self, group: _Group, seen: _Seen) -> Array | None:
         """After a way back: where to go next, or None."""
-        mine = np.isin(reference.servos, own)
-        if (np.abs(reference.velocity[mine]) > 1e-6).any():
+        mine = np.isin(seen.reference.servos, seen.own)
+        if (np.abs(seen.reference.velocity[mine]) > 1e-6).any():
             group.since = np.inf
             return None
-        group.since = min(group.since, now)
-        if now - group.since < SETTLES:
+        group.since = min(group.since, self._now)
+        if self._now - group.since < SETTLES:
             return None
-        if error > 0.5 * self._settings.held or force > LIGHT:
+        held = seen.error > 0.5 * self._settings.held
+        if held or seen.felt.force > LIGHT:
             group.free = None
-            if group.path:
-                held = error > 0.5 * self._settings.held
-                return self._back(group, joints.position, np.inf, worst if held else None, self._side[worst])
+            if group.answer == "stop" and not group.slow:
+                return None
+            here = seen.joints.position
+            if group.path and (group.answer == "retreat" or group.slow):
+                worst = seen.worst if held else None
+                return self._go(group, self._back(group, here, np.inf, worst, self._side[seen.worst]))
             # nowhere to go: the reference goes where the joint is
-            here: Array = joints.position[group.servos]
-            return None if group.goal is not None and np.array_equal(here, group.goal) else here.copy()
-        group.free = now if group.free is None else group.free
-        if now - group.free > self._settings.quiet:
-            group.goal = None
+            same = group.goal is not None and np.array_equal(here[group.servos], group.goal)
+            return None if same else self._go(group, here[group.servos].copy())
+        group.free = self._now if group.free is None else group.free
+        if self._now - group.free > self._settings.quiet:
+            group.goal, group.slow = None, False
             group.path.clear()
         return None
+
+    def _go(self, group: _Group, goal: Array) -> Array:
+        group.goal, group.since, group.free = goal, np.inf, None
+        return goal
 
     def _follows(self, joints: JointReading, reference: Reference) -> bool:
         """True if every joint is so near its present reference that nothing can hold it."""
@@ -274,15 +427,21 @@ class ContactReaction:
         error[goes] = 0.0
         return error
 
-    def _walk_all(self, joints: JointReading) -> None:
+    def _walk_all(self, joints: JointReading, reference: Reference) -> None:
         for group in self._groups.values():
-            group.outside = 0
+            group.outside, group.soft = 0, False
             self._walk(group, joints)
+            if not self._moves(group):
+                here = joints.position
+                group.bent = self._references(group, reference, here) - here[group.servos]
 
-    def _begin(self, group: _Group, now: float) -> None:
-        group.outside = 0
-        group.reactions.append(now)
-        while now - group.reactions[0] > WITHIN:
+    def _begin(self, group: _Group, goal: Array, *, freed: bool) -> None:
+        self._go(group, goal)
+        group.outside, group.soft = 0, False
+        if freed:
+            return
+        group.reactions.append(self._now)
+        while self._now - group.reactions[0] > WITHIN:
             group.reactions.popleft()
         if len(group.reactions) >= OFTEN:
             words = f"{group.name} met something {OFTEN} times within {WITHIN:.0f} s"
@@ -327,21 +486,3 @@ class ContactReaction:
         for group in self._groups.values():
             if not {*group.servos.tolist()}.isdisjoint(moving):
                 group.moved = now
-
-    def _felt(self, contacts: Contacts | None, now: float) -> Mapping[int, float]:
-        """Largest force [N] on skin by group, of contacts that began while the group moved: the robot made
-        these."""
-        if contacts is None:  # unknown: frames did not fit
-            return {}
-        found: dict[int, float] = {}
-        made: dict[int, frozenset[int]] = {}
-        for contact in contacts:
-            moving = self._made.get(contact.identity)
-            if moving is None:
-                mine = self._parts.get(contact.part, ())
-                moving = frozenset(n for n in mine if now - self._groups[n].moved < MADE)
-            made[contact.identity] = moving
-            for group in moving:
-                found[group] = max(found.get(group, 0.0), contact.force)
-        self._made = made
-        return found

@@ -20,11 +20,10 @@ from collections.abc import Sequence
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tci.errors import CommandError, DriverError, TciError
-from tci.gate.acceptance import fault_of_reading
-from tci.gate.contact import ContactReaction
+from tci.gate.acceptance import check_command, fault_of_reading
+from tci.gate.contact import ContactReaction, Way
 from tci.gate.joint_group import groups_of
 from tci.gate.joint_monitor import JointMonitor
 from tci.gate.motion import Motion
@@ -34,7 +33,8 @@ from tci.gate.safe_command import SafeCommand as SafeCommand
 from tci.gate.settings import GateCounts as GateCounts
 from tci.gate.settings import GateSettings as GateSettings
 from tci.gate.settings import Tally
-from tci.messages import Contacts, JointReading, Mode, PlatformOrder
+from tci.messages import CONTROL_MODES, Contacts, JointReading, Mode, PlatformOrder, PlatformSwitch
+from tci.messages.commands import MOST_EXPECTED
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
@@ -199,13 +199,30 @@ class Gate:
             raise CommandError("the robot has not come to rest yet; valid: reset at rest")
         if self._contact is not None and (touched := self._contact.touched):
             raise CommandError(
-                f"{', '.join(touched)} is still in contact; valid: reset when nothing presses",
+                f"{', '.join(touched)} is still in contact; valid: reset when nothing presses, "
+                "gate.free() to move away slowly",
                 code=Code.CONTACT,
             )
         self._stopped = None
         self.drop()
         if self._monitor is not None:
             self._monitor.reset()
+
+    def free(self) -> None:
+        """Moves every part that is in contact away from it, at most with 10 degrees per second: back along
+        the path that it came, or, where no path is known, to where it is pushed. Works in the state STOP too,
+        which goes on.
+
+        Only an operator should call this method. Raises CommandError if nothing is in contact, or if the gate
+        has stopped because angles or servos are not what they seem: then no way is known.
+        """
+        if self._contact is None:
+            raise CommandError("this gate does not answer contact; valid: the gate that owns the robot")
+        if self._stopped is not None and self._stopped.code in UNFIT:
+            raise CommandError(f"no way is known: {self._stopped}; valid: free the person by hand")
+        if not self._contact.met:
+            raise CommandError("nothing is in contact; valid: free when SafeCommand.met names a part")
+        self._contact.free()
 
     def drop(self) -> None:
         """Ends the command of all servos, for a driver that has lost the connection to its robot.
@@ -260,8 +277,14 @@ class Gate:
                 if not isinstance(command, PlatformOrder):
                     words = f"a {type(command).__name__} is not in the robot's own joints"
                     raise CommandError(f"{words}; valid: the result of GenericBody.to_platform")
+                if command.mode is Mode.EXPECTED_CONTACT:
+                    self._expect(command, now)
+                    taken.append(command)
+                    continue
                 self._check_contact(command)
                 clamped += self._motion.accept(command, now)
+                if self._contact is not None and command.mode in CONTROL_MODES:
+                    self._contact.ordered(command.servos)
                 taken.append(command)
             except CommandError as error:
                 refusals.append(error.reason)
@@ -286,6 +309,7 @@ class Gate:
             clamped=tuple(clamped),
             refusals=tuple(refusals),
             reason=reason,
+            met=() if self._contact is None else self._contact.met,
             orders=tuple(taken),
         )
         return self._issued
@@ -331,13 +355,11 @@ class Gate:
             self.state = GateState.RUN
         if reason:
             self._motion.halt(frozenset() if blind else self._blocked)
-        for servos, angles in ways:
-            self._motion.retreat(servos, angles)
+        for way in ways:
+            self._motion.retreat(*way)
         return reason
 
-    def _answer(
-        self, joints: JointReading, now: float, contacts: Contacts | None
-    ) -> Sequence[tuple[NDArray[np.intp], Array]]:
+    def _answer(self, joints: JointReading, now: float, contacts: Contacts | None) -> Sequence[Way]:
         """Judges contacts; returns where servos must go, also in the state STOP: a person is freed whatever
         the cause of the stop, unless the joint data can't be trusted."""
         self._told = []
@@ -355,6 +377,17 @@ class Gate:
     def _blocked(self) -> frozenset[int]:
         """Servos that a contact moves now."""
         return frozenset() if self._contact is None else self._contact.blocked
+
+    def _expect(self, order: PlatformOrder, now: float) -> None:
+        """Notes a capability's declaration. Raises CommandError if it is invalid."""
+        if isinstance(order, PlatformSwitch):
+            raise CommandError("a switch to expected contact; valid: an ExpectContact", code=Code.WRONG_MODE)
+        declared = check_command(self.robot, order)
+        force = float(declared.values.max())
+        if not (declared.values >= 0.0).all() or force > MOST_EXPECTED:
+            raise CommandError(f"expected contact of {force} N; valid: 0 to {MOST_EXPECTED:g} N")
+        if self._contact is not None:
+            self._contact.expect(declared.servos, force, now)
 
     def _check_contact(self, command: PlatformOrder) -> None:
         if self._contact is None or self._blocked.isdisjoint(np.ravel(command.servos).tolist()):

@@ -171,9 +171,10 @@ class Motion:
                 chain.limiter.halt()
         self._torque.halt()
 
-    def retreat(self, servos: NDArray[np.intp], angles: Array) -> None:
-        """Sends servos to `angles` (k,) [rad] on the gate's own order, in whichever mode they are. Switches
-        that waited for their rest are forgotten, with the commands that came for the new mode."""
+    def retreat(self, servos: NDArray[np.intp], angles: Array, most: float | None = None) -> None:
+        """Sends servos to `angles` (k,) [rad] on the gate's own order, in whichever mode they are, at most
+        with the speed `most` [rad/s]. Switches that waited for their rest are forgotten, with the commands
+        that came for the new mode."""
         self._let_go({*servos.tolist()})
         for chain in self.groups.chains:
             mine = np.isin(servos, chain.servos)
@@ -182,7 +183,9 @@ class Motion:
             limiter, places = chain.limiter, chain.places(servos[mine].tolist())
             limiter.drive_at(places, np.full(len(places), np.nan))
             target, speed = limiter.target.copy(), limiter.speed.copy()
-            target[places], speed[places] = angles[mine], limiter.bounds.velocity[places]
+            fastest = limiter.bounds.velocity[places]
+            target[places] = angles[mine]
+            speed[places] = fastest if most is None else np.minimum(fastest, most)
             limiter.aim(limiter.bounds.inside(target), speed)
 
     def drop(self) -> None:

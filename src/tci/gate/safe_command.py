@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import DriverError
-from tci.messages import Mode, PlatformOrder
+from tci.messages import Met, Mode, PlatformOrder
 from tci.messages.frames import Array
 from tci.reasons import Reason
 
@@ -72,6 +72,8 @@ class SafeCommand:
     """Reasons why commands were refused in this step."""
     reason: Reason | None = None
     """Reason for the state HOLD or STOP of the gate; None in the state RUN."""
+    met: tuple[Met, ...] = ()
+    """Contacts that the gate notices, from the lower of its two thresholds on."""
     orders: tuple[PlatformOrder, ...] = ()
     """Orders that were accepted in this step. A driver that is connected to another TCI process sends these
     orders to that process instead of positions, because the gate of that process plans the motion."""

@@ -17,6 +17,7 @@ from tci.messages.clock import Clock, ManualClock, MonotonicClock, ticks
 from tci.messages.commands import (
     CartesianCommand,
     Command,
+    ExpectContact,
     GenericCommand,
     Order,
     PlatformCommand,
@@ -26,6 +27,7 @@ from tci.messages.commands import (
 )
 from tci.messages.contact_history import ContactHistory, ContactPath
 from tci.messages.contacts import Contact, Contacts, Site
+from tci.messages.met import Answer, Met
 from tci.messages.modes import CONTROL_MODES, Mode, ModeLike
 from tci.messages.perception import Perception, SkinState, Support
 from tci.messages.places import Landmark, LimbPlace
@@ -33,6 +35,7 @@ from tci.messages.readings import JointReading, Reading, SkinFrame
 
 __all__ = [
     "CONTROL_MODES",
+    "Answer",
     "CartesianCommand",
     "Clock",
     "Command",
@@ -40,11 +43,13 @@ __all__ = [
     "ContactHistory",
     "ContactPath",
     "Contacts",
+    "ExpectContact",
     "GenericCommand",
     "JointReading",
     "Landmark",
     "LimbPlace",
     "ManualClock",
+    "Met",
     "Mode",
     "ModeLike",
     "MonotonicClock",

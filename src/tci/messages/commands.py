@@ -113,6 +113,32 @@ class SwitchMode:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ExpectContact:
+    """Declares contact that the capability itself handles, such as a hug, a hand that it holds, or somebody
+    who guides an arm: up to `force` the gate leaves the part to the capability.
+
+    It expires after half a second, so give it in each step; the gate answers all contact above the force, and
+    all contact that no skin feels, as ever.
+    """
+
+    part: str
+    """Name of the generic part."""
+    force: float
+    """Largest force [N] on the part's skin, 0 to 65 N, the least limit of ISO/TS 15066. 0 declares none."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.force <= MOST_EXPECTED:
+            raise CommandError(
+                f"expected contact of {self.part}: {self.force} N; valid: 0 to {MOST_EXPECTED:g} N"
+            )
+
+
+MOST_EXPECTED = 65.0
+"""Largest force [N] that an `ExpectContact` may declare: what ISO/TS 15066 permits on the most sensitive
+region that may be touched at all, the face."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class PlatformSwitch:
     """A request to switch the robot's own servos to another control mode."""
 
@@ -144,7 +170,7 @@ class PlatformCommand:
         _take_mode(self)
 
 
-Command = GenericCommand | CartesianCommand | SwitchMode
+Command = GenericCommand | CartesianCommand | SwitchMode | ExpectContact
 """Types of command that a capability may return."""
 PlatformOrder = PlatformCommand | PlatformSwitch
 """Types of order that the gate checks: commands in the robot's own joints, and requests to switch their

@@ -23,6 +23,8 @@ class Mode(Enum):
     """Fraction (0..1) of the servo's full stiffness."""
     DAMPING = "damping"
     """Fraction (0..1) of the servo's full damping."""
+    EXPECTED_CONTACT = "expected contact"
+    """Force [N] on skin with which an `ExpectContact` reaches the gate."""
 
     @classmethod
     def of(cls, mode: Mode | str) -> Mode:

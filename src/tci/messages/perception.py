@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tci.messages.contacts import Contacts, Frozen
 from tci.messages.frames import Array, read_only
+from tci.messages.met import Met
 from tci.messages.readings import JointReading
 
 
@@ -91,3 +92,6 @@ class Perception:
     joints: JointReading | None = None
     """The robot's own joints, for the methods of `GenericBody`. A capability that reads these joints directly
     does not run on every robot. The value is None if the perception was created without a robot."""
+    met: tuple[Met, ...] = ()
+    """What the gate said of contact in the previous period: also where no skin feels it, since a joint is
+    held."""

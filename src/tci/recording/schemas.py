@@ -14,6 +14,7 @@ from tci.errors import RecordingError
 from tci.gate.safe_command import SafeCommand
 from tci.messages import (
     CartesianCommand,
+    ExpectContact,
     GenericCommand,
     JointReading,
     Mode,
@@ -205,6 +206,8 @@ def command_bytes(now: float, command: Order) -> bytes:
             values = (command.mode.value, command.values, "", False, ())
         case SwitchMode():
             values = (command.mode.value, nothing, "", False, ())
+        case ExpectContact():
+            values = (Mode.EXPECTED_CONTACT.value, np.array([command.force]), "", False, ())
         case PlatformCommand():
             values = (command.mode.value, command.values, "", False, command.servos)
         case PlatformSwitch():

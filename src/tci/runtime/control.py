@@ -11,6 +11,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from types import TracebackType
 from typing import Self, cast
 
@@ -142,7 +143,10 @@ class Control:
         perception = misfit = None
         if self._perceiver is not None:
             try:
-                perception = self._perception = self._perceiver.step(reading, now)
+                perception = self._perceiver.step(reading, now)
+                if self._sent is not None and self._sent.met:
+                    perception = replace(perception, met=self._sent.met)
+                self._perception = perception
                 self._misfit = None
             except FrameError as error:
                 misfit = error

@@ -1,0 +1,69 @@
+"""Forces on the skin of the gate's groups of servos, and whether the robot's own motion made them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+
+from tci.messages import Contact, Contacts
+
+RAISED = 5.0
+"""Force [N] by which a contact of a resting part grows while the part moves, from which on the part counts as
+having made it: more than a hand's own trembling."""
+
+
+@dataclass(frozen=True, slots=True)
+class Felt:
+    """What the skin of one group feels."""
+
+    force: float = 0.0
+    """Largest force [N]."""
+    made: float = 0.0
+    """Largest force [N] of contacts that the group's own motion made or raised."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    made_by: frozenset[int]
+    rest: Mapping[int, float]
+    """Force [N] when the group last rested."""
+
+
+class FeltForces:
+    """Remembers for each contact which groups made it."""
+
+    def __init__(self, parts: Mapping[str, Collection[int]], moves: Callable[[int], bool]) -> None:
+        """`parts` names the groups of each generic part; `moves` tells whether a group moves, or did a
+        moment ago."""
+        self._parts, self._moves = parts, moves
+        self._known: dict[int, _Known] = {}
+
+    def step(self, contacts: Contacts | None) -> dict[int, Felt]:
+        """What each group feels; empty if that is unknown, because frames did not fit."""
+        if contacts is None:
+            return {}
+        self._known = {contact.identity: self._look_at(contact) for contact in contacts}
+        found: dict[int, Felt] = {}
+        for contact, group in self._pairs(contacts):
+            made = contact.force if group in self._known[contact.identity].made_by else 0.0
+            before = found.get(group, Felt())
+            found[group] = Felt(max(before.force, contact.force), max(before.made, made))
+        return found
+
+    def _pairs(self, contacts: Contacts) -> Iterator[tuple[Contact, int]]:
+        for contact in contacts:
+            for group in self._parts.get(contact.part, ()):
+                yield contact, group
+
+    def _look_at(self, contact: Contact) -> _Known:
+        known = self._known.get(contact.identity)
+        mine = self._parts.get(contact.part, ())
+        moving = frozenset(group for group in mine if self._moves(group))
+        if known is None:
+            return _Known(moving, dict.fromkeys(mine, contact.force))
+        raised = {group for group in moving if contact.force > known.rest.get(group, contact.force) + RAISED}
+        rest = {
+            group: known.rest.get(group, contact.force) if group in moving else contact.force
+            for group in mine
+        }
+        return _Known(known.made_by | raised, rest)

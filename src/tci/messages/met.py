@@ -1,0 +1,25 @@
+"""What the gate says of contact: which part met something, and what is done about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Answer = Literal["told", "expected", "soft", "retreat", "stop"]
+"""What the gate does about a contact: it only tells it, leaves it to the capability that expected it, gives
+way, goes back, or stops the part."""
+
+
+@dataclass(frozen=True, slots=True)
+class Met:
+    """A part that is in contact now."""
+
+    part: str
+    """The generic part; its robot's own name for servos of none."""
+    force: float
+    """Largest force [N] on its skin; 0 where no skin feels it."""
+    joint: str | None
+    """Servo that does not follow its reference; None if all do."""
+    behind: float
+    """Angle [rad] by which it does not follow; 0 if it does."""
+    answer: Answer

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from tci.messages import CartesianCommand as CartesianCommand
     from tci.messages import Contact as Contact
     from tci.messages import Contacts as Contacts
+    from tci.messages import ExpectContact as ExpectContact
     from tci.messages import GenericCommand as GenericCommand
     from tci.messages import Mode as Mode
     from tci.messages import Perception as Perception

@@ -334,6 +334,19 @@ def test_a_part_may_give_way_or_stay_stiff_instead_of_going_back(answer: Literal
         Held(settings=GateSettings(contact=ContactSettings(answers={"tail": answer})))
 
 
+def test_settings_change_while_nothing_is_in_contact() -> None:
+    held = Held(at=10.0)
+    held.gate.set_contact(ContactSettings(felt=25.0))
+    held.step(position_command([2], [1.5]))
+    for count in range(200):
+        held.step(contacts=pressed(20.0) if count > 100 else None)
+    assert not held.told
+    with pytest.raises(CommandError, match="valid: other settings when nothing presses"):
+        held.gate.set_contact(ContactSettings())
+    with pytest.raises(CommandError, match="valid: the gate that owns the robot"):
+        Held(settings=ALONE).gate.set_contact(ContactSettings())
+
+
 def test_an_operator_frees_what_a_part_that_stops_holds() -> None:
     held = Held(settings=GateSettings(contact=ContactSettings(answers={"left_arm": "stop"})))
     with pytest.raises(CommandError, match="nothing is in contact"):

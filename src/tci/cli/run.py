@@ -49,7 +49,7 @@ def run(
 ) -> None:
     """Run a capability on a robot. Prints touches, commands, holds, refusals and clamps immediately. A real
     robot moves only with --arm. Without --arm, TCI only reads the robot's data. The exit status is 1 if the
-    gate stopped the robot, or if the gate refused every command.
+    gate stopped the robot, or if the gate refused every command. While it runs, type reset or free.
 
     Example:  tci run withdrawal nao --duration 1 --poke --fault stall@0.32
 
@@ -104,6 +104,7 @@ def run_capability(
     times of a fault or for a poke of a real robot, and the errors of the capability.
     """
     from tci.cli import session as sessions
+    from tci.cli.operator import Operator
     from tci.cli.run_view import RunView, conclude
     from tci.drivers.info import HARMLESS
     from tci.drivers.registry import connect
@@ -128,7 +129,11 @@ def run_capability(
                 console.print(f"the simulated finger pokes {poked}", style="dim")
         filmed = _film(driver, film, quiet=as_json) if film is not None else None
 
+        operator = Operator(driver.gate)
+
         def see(tick: Tick) -> None:
+            for words in operator.listen():
+                session.log.write(tick.now, "OPERATOR", words)
             view.tick(tick, session)
             if filmed is not None:
                 filmed.see(tick)

@@ -20,7 +20,7 @@ from tci.runtime.loop import Tick
 MEANING = {
     GateState.RUN: "commands pass, within limits; motions from before are not resumed",
     GateState.HOLD: "the robot stops and keeps its position until the cause is gone",
-    GateState.STOP: "the robot stops and stays stopped until an operator resets it",
+    GateState.STOP: "the robot stops and stays stopped until an operator types reset, and Enter",
 }
 LULL = 0.5
 """Time [s] without contact after which a new contact on a patch is a new event. Assumed: when a hand slides
@@ -39,7 +39,8 @@ class Event:
     kind: str
     """Kind of the event. Events of the skin are touch, and MASK for masked taxels. Events of commands are
     command, refused and clamped. Events of the gate are HOLD, STOP, RUN and at rest. Events of injected
-    faults are FAULT and over. Events of the capability are NOTE."""
+    faults are FAULT and over. Events of the capability are NOTE, of whoever types at the terminal OPERATOR.
+    """
     words: str
 
     def to_json(self) -> dict[str, Any]:

@@ -38,10 +38,11 @@ def serve(
 ) -> None:
     """Let other programs read and command a real or simulated robot. The gate of this process checks all
     commands. A real robot moves only with --arm. Without --arm, the other programs can only read the robot's
-    data. The exit status is 1 if the gate stopped the robot.
+    data. The exit status is 1 if the gate is stopped at the end. While it runs, type reset or free.
 
     Example:  tci serve nao --via zenoh
     """
+    from tci.cli.operator import HINT, Operator
     from tci.drivers.info import HARMLESS
     from tci.drivers.registry import connect, open_server
     from tci.gate.gate import GateState
@@ -60,7 +61,16 @@ def serve(
             words = f"serving {driver.robot.name} as {server.where()}; end with Ctrl-C"
             console.print(words, highlight=False, markup=False)
 
+        operator = Operator(driver.gate)
+        stopped = False
+
         def see(tick: Tick) -> None:
+            nonlocal stopped
+            for words in operator.listen():
+                console.print(f"{tick.now:10.3f} s  {words}", highlight=False, markup=False)
+            if tick.sent.state is GateState.STOP and not stopped and operator.present:
+                console.print(HINT, style="dim", highlight=False)
+            stopped = tick.sent.state is GateState.STOP
             words = (
                 f"{tick.sent.state.name}: {tick.sent.reason}" if tick.sent.reason else tick.sent.state.name
             )

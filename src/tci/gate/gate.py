@@ -17,13 +17,14 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 
 from tci.errors import CommandError, DriverError, TciError
 from tci.gate.acceptance import check_command, fault_of_reading
-from tci.gate.contact import ContactReaction, Way
+from tci.gate.contact import ContactReaction, ContactSettings, Way
 from tci.gate.joint_group import groups_of
 from tci.gate.joint_monitor import JointMonitor
 from tci.gate.motion import Motion
@@ -207,6 +208,16 @@ class Gate:
         self.drop()
         if self._monitor is not None:
             self._monitor.reset()
+
+    def set_contact(self, settings: ContactSettings) -> None:
+        """Changes when a contact counts, and how each part answers it. Raises CommandError if something is in
+        contact, or if another gate answers contact; and UnknownNameError for a part that the robot lacks."""
+        if self._contact is None:
+            raise CommandError("this gate does not answer contact; valid: the gate that owns the robot")
+        if self._contact.met or self._contact.blocked:
+            raise CommandError("a part is in contact; valid: other settings when nothing presses")
+        self._contact = ContactReaction(self._robot, groups_of(self._robot), settings)
+        self._settings = replace(self._settings, contact=settings)
 
     def free(self) -> None:
         """Moves every part that is in contact away from it, at most with 10 degrees per second: back along

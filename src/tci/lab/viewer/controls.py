@@ -88,15 +88,14 @@ class Controls:
                     slider.on_update(partial(self._moved, part.name))
                     sliders.append((joint, slider))
             self._sliders[part.name] = sliders
-        options = ("Home", "Reset") if self._session.armed else ("Reset",)
+        options = ("Home", "Reset", "Free") if self._session.armed else ("Reset",)
         buttons = self.buttons = self._gui.add_button_group("arms", options)
 
         @buttons.on_click
         def _(event: viser.GuiEvent[Any]) -> None:
-            if event.target.value == "Home":
-                self._session.home()
-            else:
-                self._session.reset()
+            {"Home": self._session.home, "Reset": self._session.reset, "Free": self._session.free}[
+                event.target.value
+            ]()
 
     # viser runs an `async` function at once, in viser's own thread.
     async def _moved(self, part: str, event: viser.GuiEvent[Any]) -> None:

@@ -175,6 +175,19 @@ class Session:
             self.post(self.driver.gate.reset)
         self.say("reset by the operator")
 
+    def free(self) -> None:
+        """Moves every part that is in contact slowly away. An operator calls this."""
+
+        def free() -> None:
+            try:
+                self.driver.gate.free()
+            except CommandError as error:
+                self.say(f"free is refused: {error}")
+            else:
+                self.say("freed by the operator")
+
+        self.post(free)
+
     def record(self, path: Path) -> None:
         """Starts a recording. Raises the errors of `Recorder`."""
         about = {"recorded_by": "tci view", **self.driver.info.about, **self._about}

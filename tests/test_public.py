@@ -129,6 +129,9 @@ ROBOTS: dict[str, Callable[[Any, Path], Any]] = {
     "of_robot": lambda robot, _: BY_NAME["SkinLayout"].of_robot(robot).places,
     "TouchedRobot": lambda robot, _: BY_NAME["TouchedRobot"](robot).perceive().stamp,
     "perception": lambda robot, _: BY_NAME["perception"](robot).stamp,
+    "lacks": lambda robot, _: tci.capabilities.lacks(tci.WithdrawalReflex(), robot),
+    "met": lambda robot, _: tci.capabilities.Need("skin").met(robot),
+    "skin_of": lambda robot, _: [one.name for one in tci.capabilities.Need("skin").skin_of(robot)],
     "simulate": lambda robot, _: BY_NAME["simulate"](robot, duration=0.01, cores=1)[0].world,
 }
 """A short use of each public call that takes a robot, by the last part of its name."""

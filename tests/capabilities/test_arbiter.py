@@ -20,7 +20,7 @@ from tci.capabilities.arbiter import Arbiter
 from tci.capabilities.capability import Capability
 from tci.capabilities.play_gesture import Phase, PlayGesture
 from tci.capabilities.wrapper import CapabilityWrapper
-from tci.cli.session import poke_forearm
+from tci.cli.session import poke_skin
 from tci.drivers.simulated import SimulatedDriver
 from tci.drivers.wrapper import DriverWrapper
 from tci.errors import CommandError, TciError
@@ -266,7 +266,7 @@ def touched(
     ticks: list[Tick] = []
     with SimulatedDriver(with_skin_rate(load_robot(name), 100.0), seed=2) as simulated:
         driver = simulated if streams else AtRest(simulated)
-        poke_forearm(simulated)
+        poke_skin(simulated)
 
         def see_tick(tick: Tick) -> None:
             ticks.append(tick)

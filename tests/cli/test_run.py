@@ -44,10 +44,22 @@ def test_a_poke_is_answered() -> None:
     assert told["gate"]["refusals"] == 0
 
 
+class Idle(tci.Capability[None]):
+    """Answers nothing."""
+
+    def init(self, body: tci.GenericBody) -> None:
+        return None
+
+    def step(
+        self, memory: None, perception: tci.Perception, body: tci.GenericBody
+    ) -> tuple[tuple[tci.Order, ...], None]:
+        return (), None
+
+
 def test_a_touch_that_the_capability_does_not_answer_is_said() -> None:
-    words = " ".join(told_by("run", "body-withdrawal", "nao", "--poke", "--duration", "0.5").split())
-    assert "body-withdrawal gave no command" in words
-    assert "tci view nao --run body-withdrawal" in words
+    words = " ".join(told_by("run", "cli.test_run:Idle", "nao", "--poke", "--duration", "0.5").split())
+    assert "cli.test_run:Idle gave no command" in words
+    assert "tci view nao --run cli.test_run:Idle" in words
     assert "gave no command" not in told_by(*POKED)
 
 
@@ -164,7 +176,8 @@ def test_clamps_are_told_as_refusals_are(capsys: pytest.CaptureFixture[str]) -> 
 
 def test_a_class_that_is_not_in_its_module_is_answered_with_those_that_are() -> None:
     with pytest.raises(
-        UnknownNameError, match=r"in cli.test_run named 'Nodd' \(did you mean 'Nod'\?\); valid: Nod, Lost"
+        UnknownNameError,
+        match=r"in cli.test_run named 'Nodd' \(did you mean 'Nod'\?\); valid: Idle, Nod, Lost",
     ):
         load_capability("cli.test_run:Nodd")
 
@@ -298,12 +311,13 @@ def test_the_list_of_faults() -> None:
 def test_why_a_touched_leg_stays_is_told_once(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def poke_the_shin(driver: Driver) -> None:
+    def poke_the_shin(driver: Driver, capability: object) -> str:
         assert isinstance(driver, SimulatedDriver)
         place = GenericBody(driver.robot).landmark("left_leg", Landmark("shank", (1.0, 0.0, 0.0)))
         driver.world.finger.poke(place.patch, place.p_L, place.n_L)
+        return place.patch
 
-    monkeypatch.setattr("tci.cli.session.poke_forearm", poke_the_shin)
+    monkeypatch.setattr("tci.cli.session.poke_skin", poke_the_shin)
     run_capability("body-withdrawal", "nao-whole", duration=0.4, poke=True, as_json=True)
     told = json.loads(capsys.readouterr().out)
     notes = [event["words"] for event in told["events"] if event["kind"] == "NOTE"]

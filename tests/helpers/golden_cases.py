@@ -31,7 +31,7 @@ from tci.body.generic_body import GenericBody
 from tci.capabilities import default_fields
 from tci.capabilities.behaviour_tree import BehaviourTree, Reflex, Task
 from tci.capabilities.body_withdrawal import BodyWithdrawal
-from tci.cli.session import poke_forearm
+from tci.cli.session import poke_skin
 from tci.drivers.driver import Driver
 from tci.drivers.replay import ReplayDriver
 from tci.drivers.simulated import SimulatedDriver
@@ -110,7 +110,7 @@ class Case:
     robot: str
     """Path of the robot's description, below `robots/`."""
     capability: Callable[[], tci.Capability[Any]] = paper
-    poke: Callable[[SimulatedDriver], None] | None = poke_forearm
+    poke: Callable[[SimulatedDriver], None] | None = poke_skin
     duration: float = 0.7
     """Duration [s]."""
     keep_alive: float | None = None

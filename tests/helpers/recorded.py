@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.cli.session import poke_forearm
+from tci.cli.session import poke_skin
 from tci.drivers.simulated import SimulatedDriver
 from tci.messages import JointReading, Mode, Reading, SkinFrame
 from tci.recording.recorder import Recorder
@@ -33,7 +33,7 @@ def record_poke(
         SimulatedDriver(load_robot(robot), keep_alive=keep_alive, rate=rate) as driver,
         Recorder(path, driver.robot, period=driver.period, keep_alive=keep_alive) as recorder,
     ):
-        poke_forearm(driver)
+        poke_skin(driver)
 
         def see(tick: Tick) -> None:
             ticks.append(tick)

@@ -15,7 +15,7 @@ from helpers.push_trials import NEWTON, Felt, pushed, untouched
 from helpers.pushed_arm import ARM, PERIOD, Plant, Push, calibration
 from tci.body.generic_body import BodySettings, GenericBody
 from tci.body.perceiver import Perceiver
-from tci.cli.session import poke_forearm
+from tci.cli.session import poke_skin
 from tci.errors import TciError
 from tci.joint_touch.contacts import JointTouchSettings
 from tci.messages import JointReading, Perception, Reading, SkinFrame
@@ -48,7 +48,7 @@ def test_motion_is_no_touch() -> None:
 def test_an_arm_that_withdraws_from_a_poke_is_not_felt_to_be_touched_by_its_own_motion() -> None:
     forces: list[tuple[float, float]] = []
     with tci.connect("g1-bare", "sim") as driver:
-        poke_forearm(driver)
+        poke_skin(driver)
 
         def observe(tick: tci.Tick) -> None:
             real = driver.world.contact_truth("left_forearm").force

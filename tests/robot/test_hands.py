@@ -151,7 +151,7 @@ def test_a_variant_removes_elements_and_keeps_the_rest() -> None:
     ("old", "new", "words"),
     [
         ('extends="robot.xml"', 'extends="nowhere.xml"', "valid: a description beside this one"),
-        ('extends="robot.xml"', 'extends="hands.xml"', "valid: at most 4"),
+        ('extends="robot.xml"', 'extends="hands.xml"', "valid: at most 6"),
         ('joint="LThumbFlexion"', 'joint="LThumb"', "the model has no moving joint 'LThumb'"),
         ('joint="LThumbFlexion"', 'joint="LIndexFlexion"', "second servo with joint 'LIndexFlexion'"),
         ('segment="palm"', 'segment="wrist"', "'left_fingers' has no segment 'wrist'"),

@@ -28,6 +28,7 @@ from rich.progress import Progress
 
 import tci
 from helpers.wire_peers import PEERS, wire
+from tci.capabilities import lacks
 from tci.lab.experiments.body_trials import answerable, body_trials_of
 from tci.lab.experiments.experiment import SIDES, trials_of
 from tci.lab.experiments.poke import Stimulus
@@ -38,8 +39,14 @@ FILE = "robots-and-wires.json"
 WIRES = tuple(name for name in PEERS if name not in ("sim", "unitree"))
 """Middleware between processes that can transport skin data. Unitree's topics transport only joint data, so
 they are left out."""
-ROBOTS = tuple(name for name in tci.robot_names() if tci.load_robot(name).skin)
-"""Robots with taxels. Robots without taxels sense touches only through their joints, so they are left out."""
+REFLEXES = (tci.WithdrawalReflex(), tci.BodyWithdrawal())
+ROBOTS = tuple(
+    name
+    for name in tci.robot_names()
+    if (robot := tci.load_robot(name)).skin and not all(lacks(one, robot) for one in REFLEXES)
+)
+"""Robots with taxels to which a reflex answers. Left out are robots that sense touches only through their
+joints, and those with switches only."""
 TRIES = 3
 """Number of attempts for each poke. An attempt fails without a fault of TCI if another program keeps the
 processor busy: the gate then holds the robot."""

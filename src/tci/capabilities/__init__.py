@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from tci.capabilities.arbiter import ArbiterMemory as ArbiterMemory
     from tci.capabilities.body_withdrawal import BodyWithdrawal as BodyWithdrawal
     from tci.capabilities.capability import Capability as Capability
+    from tci.capabilities.capability import lacks as lacks
     from tci.capabilities.contact_stop import ContactStop as ContactStop
     from tci.capabilities.contact_stop import StopMemory as StopMemory
     from tci.capabilities.fields import BodyField as BodyField
@@ -26,11 +27,15 @@ if TYPE_CHECKING:
     from tci.capabilities.layer import Layer as Layer
     from tci.capabilities.light_grasp import Grip as Grip
     from tci.capabilities.light_grasp import LightGrasp as LightGrasp
+    from tci.capabilities.needs import Need as Need
     from tci.capabilities.play_gesture import GestureMemory as GestureMemory
     from tci.capabilities.play_gesture import Phase as Phase
     from tci.capabilities.play_gesture import PlayGesture as PlayGesture
+    from tci.capabilities.soft_hands import SoftArm as SoftArm
+    from tci.capabilities.soft_hands import SoftHands as SoftHands
     from tci.capabilities.soft_reaction import Posture as Posture
     from tci.capabilities.soft_reaction import SoftReaction as SoftReaction
+    from tci.capabilities.sway import Sway as Sway
     from tci.capabilities.withdrawal import Answer as Answer
     from tci.capabilities.withdrawal import WithdrawalReflex as WithdrawalReflex
     from tci.capabilities.withdrawal_memory import Withdrawals as Withdrawals

@@ -14,6 +14,7 @@ from typing import Any
 from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.layer import Layer, check_modes, step_layer, with_modes
+from tci.capabilities.needs import Need
 from tci.capabilities.orders import begin_of, named
 from tci.capabilities.wrapper import CapabilityWrapper, unwrapped
 from tci.errors import CommandError, TciError
@@ -59,6 +60,10 @@ class Arbiter(Capability[ArbiterMemory]):
                     f"arbiter: {type(unwrapped(layer)).__name__} does not tell which parts it holds; valid: "
                     "as the last layer, or with a method claims(memory) that returns their names"
                 )
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        return tuple(need for layer in self.layers for need in layer.needs)
 
     def init(self, body: GenericBody) -> ArbiterMemory:
         return ArbiterMemory(tuple(Layer(layer.init(body)) for layer in self.layers))

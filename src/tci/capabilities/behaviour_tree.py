@@ -25,6 +25,7 @@ from tci.body.generic_body import GenericBody
 from tci.capabilities.arbiter import tells_claims
 from tci.capabilities.capability import Capability
 from tci.capabilities.layer import Layer, check_modes, step_layer, with_modes
+from tci.capabilities.needs import Need
 from tci.capabilities.orders import begin_of, moved_part, pause_of
 from tci.errors import TciError
 from tci.messages import Command, Order, Perception, SwitchMode
@@ -143,6 +144,10 @@ class BehaviourTree(Capability[Behaviour]):
     def __post_init__(self) -> None:
         if not any(_leaves(self.tree())):
             raise TciError("a behaviour tree without a Task or a Reflex; valid: at least one")
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        return tuple(need for leaf in _leaves(self.tree()) for need in leaf.capability.needs)
 
     def init(self, body: GenericBody) -> Behaviour:
         tree = self.tree()

@@ -21,6 +21,7 @@ from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.discounts import phi, psi
 from tci.capabilities.fields import BodyField, BodyFields, default_body_fields
+from tci.capabilities.needs import Need
 from tci.capabilities.withdrawal_memory import Wish, Withdrawals
 from tci.capabilities.withdrawal_rule import blind_field, new_targets, withdraw_all
 from tci.errors import TciError
@@ -47,6 +48,7 @@ class BodyWithdrawal(Capability[BodyMemory]):
     reflex of arms only.
     """
 
+    needs = (Need("skin on a head, torso, hand or leg", ("head", "torso", "hand", "leg"), switches=False),)
     fields: BodyFields = field(default_factory=default_body_fields)
     """Receptive fields. The function `load_body_fields` reads other fields from a file."""
     refractory: float = 0.5

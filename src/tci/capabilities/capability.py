@@ -7,9 +7,11 @@ from inspect import isfunction, signature
 from typing import Any, Generic, TypeVar
 
 from tci.body.generic_body import GenericBody
+from tci.capabilities.needs import Need
 from tci.errors import TciError
 from tci.messages import Order, Perception
 from tci.reasons import Reason
+from tci.robot.like import RobotLike, as_robot
 
 Memory = TypeVar("Memory")
 
@@ -22,6 +24,13 @@ class Capability(ABC, Generic[Memory]):
     step, and the step returns the next memory. If memory and perception are equal, the commands must be equal
     bit for bit, so that recordings can be replayed.
     """
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        """What it needs of a robot, so that a robot without it is told before the run instead of "nothing
+        moved". A subclass states it as data: `needs = (Need("skin on an arm", ("arm",)),)`.
+        """
+        return ()
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Raises TciError if a method of the subclass takes other arguments than the method of this class."""
@@ -108,3 +117,11 @@ class Capability(ABC, Generic[Memory]):
         Example of a reason: the skin that this behaviour needs sends no data.
         """
         return None
+
+
+def lacks(capability: Capability[Any], robot: RobotLike) -> tuple[str, ...]:
+    """What a robot lacks for a capability, such as `no skin on an arm of this robot`; empty if it has all."""
+    robot = as_robot(robot)
+    return tuple(
+        dict.fromkeys(f"no {need.what} of this robot" for need in capability.needs if not need.met(robot))
+    )

@@ -1,8 +1,9 @@
-"""A behaviour that runs another behaviour and stops each of its parts while the part is touched."""
+"""A behaviour that runs another behaviour and stops its parts while they, or one part for all, are
+touched."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Generic
 
@@ -10,10 +11,12 @@ import numpy as np
 
 from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability, Memory
+from tci.capabilities.needs import Need
 from tci.capabilities.orders import moved_part
+from tci.capabilities.sway import Sway
 from tci.capabilities.wrapper import CapabilityWrapper
 from tci.errors import CommandError, TciError
-from tci.messages import CartesianCommand, GenericCommand, Mode, Order, Perception, PlatformCommand
+from tci.messages import CartesianCommand, Contact, GenericCommand, Mode, Order, Perception, PlatformCommand
 
 Motion = GenericCommand | CartesianCommand
 
@@ -32,7 +35,8 @@ class StopMemory(Generic[Memory]):
 
 @dataclass(frozen=True)
 class ContactStop(CapabilityWrapper[StopMemory[Memory]], Generic[Memory]):
-    """Runs another behaviour, but stops each touched part until the touch ends.
+    """Runs another behaviour, but stops each touched part until the touch ends, or all parts while the part
+    `by` is touched.
 
     During a stop, `step` of the behaviour is still called, but commands to the stopped part are not executed.
     After the touch, the behaviour's last command to this part is executed. Raises TciError for a setting out
@@ -41,16 +45,25 @@ class ContactStop(CapabilityWrapper[StopMemory[Memory]], Generic[Memory]):
 
     inner: Capability[Memory]
     """Behaviour to run."""
-    threshold: float = 1.0
-    """Smallest force [N] of a contact that stops the touched part. Assumed: a light push of a finger."""
+    threshold: float = 0.8
+    """Smallest force [N] of a contact that stops. Assumed: a light push of a finger; a pressed switch of a
+    NAO counts as 1 N."""
     quiet: float = 0.5
     """Time [s] without touch after which a stopped part continues. Assumed: a hand that slides or shakes
     makes contact again within this time."""
+    by: str = ""
+    """Kind or name of the part whose touch stops all parts, such as "head". Empty: the touch of a part stops
+    this part."""
 
     def __post_init__(self) -> None:
         for name in ("threshold", "quiet"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise TciError(f"contact stop: {name} {getattr(self, name)}; valid: above 0, finite")
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        own = Need(f"skin on a {self.by}", (self.by,)) if self.by else Need("skin on any part")
+        return (*super().needs, own)
 
     def inner_memory(self, memory: StopMemory[Memory]) -> Memory:
         return memory.inner
@@ -74,7 +87,7 @@ class ContactStop(CapabilityWrapper[StopMemory[Memory]], Generic[Memory]):
         touched = {part: since for part, since in memory.touched.items() if now - since < self.quiet}
         for contact in perception.contacts:
             if contact.force >= self.threshold:
-                touched[contact.part] = now
+                touched |= dict.fromkeys(self._stopped_by(contact, perception, body), now)
         given, after = super().step(memory, perception, body)
         wanted = dict(memory.wanted)
         commands: list[Order] = []
@@ -97,6 +110,12 @@ class ContactStop(CapabilityWrapper[StopMemory[Memory]], Generic[Memory]):
                 commands.append(command)
         return tuple(commands), replace(after, wanted=wanted, touched=touched)
 
+    def _stopped_by(self, contact: Contact, perception: Perception, body: GenericBody) -> Iterable[str]:
+        if not self.by:
+            return (contact.part,)
+        is_by = self.by in (contact.part, body.robot.part(contact.part).kind)
+        return perception.posture if is_by else ()
+
     def resume(
         self,
         memory: StopMemory[Memory],
@@ -108,6 +127,10 @@ class ContactStop(CapabilityWrapper[StopMemory[Memory]], Generic[Memory]):
         """A part that is still touched stays where it is."""
         orders, after = super().resume(memory, taken, last, perception, body)
         return tuple(order for order in orders if moved_part(order) not in memory.touched), after
+
+
+HEAD_STOP = ContactStop(Sway(), by="head")
+"""Both arms sway until somebody touches the head: `tci run head-stop nao-plain`."""
 
 
 def _hold(command: Motion, perception: Perception) -> GenericCommand:

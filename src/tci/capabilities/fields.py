@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from tci.errors import DescriptionError, Fault
-from tci.messages import Landmark
+from tci.messages import Landmark, LimbPlace
 from tci.robot.description import Description, Vector
 from tci.robot.generic_arm import JOINTS
 from tci.skin.contacts import Measure
@@ -95,6 +95,11 @@ class ReceptiveField(Circle):
     """Saturation F_sat [N]: forces from this value on cause the full response."""
     motion: Motion
     """Base motion Theta_i (5,) [rad] of the generic arm."""
+
+    @property
+    def place(self) -> LimbPlace:
+        """Centre of the field on the generic limb."""
+        return LimbPlace(self.segment, self.u, self.theta)
 
     @model_validator(mode="after")
     def _rises(self) -> Self:

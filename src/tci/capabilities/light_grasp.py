@@ -15,6 +15,7 @@ import numpy as np
 
 from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
+from tci.capabilities.needs import Need
 from tci.errors import TciError
 from tci.messages import GenericCommand, Mode, Order, Perception
 from tci.messages.frames import Array, read_only
@@ -61,6 +62,7 @@ class LightGrasp(Capability[Grips]):
     The defaults are assumed, since no values are published for these robots.
     """
 
+    needs = (Need("skin on a palm", ("fingers",), (PALM,)),)
     force: float = 1.0
     """Force [N] with which each finger presses. Assumed: enough to measure a held object, and harmless."""
     touch: float = 0.3
@@ -93,13 +95,7 @@ class LightGrasp(Capability[Grips]):
             raise TciError(f"light grasp: pull {self.pull}; valid: above the force of {self.force} N")
 
     def init(self, body: GenericBody) -> Grips:
-        """Returns the initial memory, in which all hands are open. Raises TciError for a robot without
-        fingers, and for a robot without skin on a palm."""
-        parts, name = body.parts("fingers"), body.robot.name
-        if not parts:
-            raise TciError(f"light grasp: {name} has no fingers; valid: a robot with them")
-        if not any(patch.part in parts and patch.segment == PALM for patch in body.robot.skin):
-            raise TciError(f"light grasp: {name} has no skin on a palm; valid: a robot such as nao-hands")
+        """All hands are open."""
         return {}
 
     def step(

@@ -15,6 +15,7 @@ import numpy as np
 from tci.body.generic_body import GenericBody
 from tci.body.retreat import AHEAD
 from tci.capabilities.capability import Capability
+from tci.capabilities.needs import Need
 from tci.capabilities.retreat import why_not
 from tci.errors import TciError
 from tci.messages import Command, GenericCommand, Mode, ModeLike, Perception, SwitchMode
@@ -79,6 +80,10 @@ class SoftReaction(Capability[Postures]):
         for name in ("mobility", "gain", "stiffness", "damping", "threshold"):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise TciError(f"soft reaction: {name} {getattr(self, name)}; valid: 0 or more, finite")
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        return (Need(f"skin on {' or '.join(self.parts)}", self.parts),)
 
     def init(self, body: GenericBody) -> Postures:
         return {}

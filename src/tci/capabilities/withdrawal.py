@@ -20,6 +20,7 @@ from tci.body.generic_body import GenericBody
 from tci.capabilities.answer import RANKS, field_table, find_answers, segments_of
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields, default_surround
+from tci.capabilities.needs import Need
 from tci.capabilities.withdrawal_memory import Wish, Withdrawals
 from tci.capabilities.withdrawal_rule import blind_field, new_targets, withdraw_all
 from tci.errors import TciError
@@ -28,7 +29,6 @@ from tci.messages import (
     Contact,
     Contacts,
     GenericCommand,
-    LimbPlace,
     Mode,
     ModeLike,
     Perception,
@@ -36,7 +36,7 @@ from tci.messages import (
 )
 from tci.messages.frames import read_only
 from tci.reasons import Reason
-from tci.robot.generic_arm import JOINTS
+from tci.robot.generic_arm import JOINTS, SEGMENTS
 
 DISCOUNTS = ("linear", "cosine")
 """Valid values of the setting `distance_discount`."""
@@ -66,6 +66,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     Raises TciError for a setting out of range.
     """
 
+    needs = (Need("skin on an arm", ("arm",), SEGMENTS),)
     fields: Sequence[ReceptiveField] = field(default_factory=default_fields)
     """Receptive fields. The function `load_fields` reads other fields from a file. Without fields there is no
     reflex."""
@@ -188,7 +189,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         trusted, otherwise None."""
         if perception.skin is None or perception.skin.masked is None:
             return None
-        places = [LimbPlace(one.segment, one.u, one.theta) for one in self.fields]
+        places = [one.place for one in self.fields]
         radii = np.array([one.radius for one in self.fields])
         for part in body.parts("arm"):
             if blind := blind_field(part, self.fields, body.coverage(perception, part, places, radii)):

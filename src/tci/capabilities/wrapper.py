@@ -6,6 +6,7 @@ from typing import Any, Generic, cast
 
 from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability, Memory
+from tci.capabilities.needs import Need
 from tci.capabilities.orders import begin_of, pause_of, resume_of, step_of
 from tci.messages import Order, Perception
 from tci.reasons import Reason
@@ -23,6 +24,10 @@ class CapabilityWrapper(Capability[Memory], Generic[Memory]):
 
     def __init__(self, inner: Capability[Any]) -> None:
         self.inner = inner
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        return self.inner.needs
 
     def inner_memory(self, memory: Memory) -> Any:
         """The memory of `inner` within `memory`."""

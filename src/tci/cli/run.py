@@ -34,7 +34,7 @@ def run(
     arm: Arm = False,
     poke: Annotated[
         bool,
-        typer.Option("--poke", help="Poke the left forearm of a simulated robot with the simulated finger."),
+        typer.Option("--poke", help="Poke a simulated robot: the skin that the capability needs."),
     ] = False,
     fault: Faults = None,
     record: Annotated[Path | None, typer.Option(help="Record the run in this new file (.mcap).")] = None,
@@ -92,7 +92,7 @@ def run_capability(
         via: Driver, NAME or NAME:ADDRESS.
         duration: Duration [s] of the run; None runs until Ctrl-C.
         arm: True to allow a real robot to move.
-        poke: True to poke the left forearm with the simulated finger.
+        poke: True to poke with the simulated finger (`session.poke_skin`).
         faults: Faults to inject, NAME@TIME or NAME@TIME:DURATION [s].
         record: Path of the recording to write; None for no recording.
         film: Path of the film to write; None for no film.
@@ -103,7 +103,9 @@ def run_capability(
     Raises UnknownNameError for an unknown name, DriverError if the connection fails, CommandError for invalid
     times of a fault or for a poke of a real robot, and the errors of the capability.
     """
+    from tci.capabilities.capability import lacks
     from tci.cli import session as sessions
+    from tci.cli.bare import tell_bare, tell_lacks
     from tci.cli.operator import Operator
     from tci.cli.run_view import RunView, conclude
     from tci.drivers.info import HARMLESS
@@ -123,10 +125,15 @@ def run_capability(
         if record is not None:
             about = sessions.about_capability(name, capability)
             recorder = closing.enter_context(sessions.recorder_for(record, driver, via, about))
+        missing = lacks(capability, driver.robot)
+        if missing and not as_json:
+            tell_lacks(name, missing, driver.robot)
         if poke:
-            poked = sessions.poke_forearm(driver)
+            poked = sessions.poke_skin(driver, capability)
             if not as_json:
-                console.print(f"the simulated finger pokes {poked}", style="dim")
+                words = f"pokes {poked}" if poked else f"finds no skin on {driver.robot.name} to poke"
+                console.print(f"the simulated finger {words}", style="dim")
+                tell_bare(driver.robot)
         filmed = _film(driver, film, quiet=as_json) if film is not None else None
 
         operator = Operator(driver.gate)
@@ -156,7 +163,7 @@ def run_capability(
     else:
         conclude(session, filmed=filmed is not None)
         result = session.result
-        if result is not None and result.touched and not (result.accepted or result.refusals):
+        if result is not None and result.touched and not (missing or result.accepted or result.refusals):
             console.print(
                 f"{name} gave no command: it does not respond to this touch; to touch other places: "
                 f"tci view {robot} --run {name}",

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tci.body.places import find_place
+from tci.body.touchable import touchable
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import default_fields
 from tci.cli.run_log import Event, RunLog
@@ -28,6 +28,7 @@ from tci.recording.recorder import Recorder
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.result import RunResult
+from tci.simulation.poke_first import poke_first
 from tci.skin.skin import Skin
 
 REHEARSAL = 1.5
@@ -154,7 +155,12 @@ class Session:
             "loop": self.report.to_json(),
         }  # fmt: skip
         if self.result is not None:
-            fields |= {"touched_N": dict(self.result.touched), "moved_rad": dict(self.result.moved)}
+            fields |= {
+                "touched_N": dict(self.result.touched),
+                "switches": [*self.result.switches],
+                "moved_rad": dict(self.result.moved),
+                "lacks": [*self.result.lacks],
+            }
         if self.recorder is not None:
             fields["recording"] = self.recorder.to_json()
         if isinstance(self.source, ReplayDriver):
@@ -202,22 +208,20 @@ def about_capability(name: str, capability: Capability[object]) -> dict[str, str
     return {"capability": name, "settings": repr(capability)}
 
 
-def poke_forearm(driver: Driver) -> str:
-    """Pokes the left forearm with the simulated finger.
+def poke_skin(driver: Driver, capability: Capability[Any] | None = None) -> str:
+    """Pokes the skin that is there with the simulated finger: what `capability` needs, else the left forearm,
+    else the next place that the finger reaches.
 
-    Returns the name of the poked patch. Raises CommandError for a real robot.
+    Returns the name of the poked patch, empty if the robot has no skin. Raises CommandError for a real robot.
     """
     if not isinstance(driver, SimulatedDriver):
         raise CommandError("--poke needs a simulated robot; valid: --via sim")
-    site = default_fields()[0]
-    joints = driver.read().joints
-    place = find_place(Skin(driver.robot), "left_arm", site.segment, site.u, site.theta, joints)
-    speed = 0.25
-    depth = 0.02 if driver.robot.patch(place.patch).through_joints else 0.01  # about 16 N and 8 N
-    driver.world.finger.poke(
-        place.patch, place.p_L, place.n_L, speed=speed, depth=depth, gap=speed * POKE_DELAY
-    )
-    return place.patch
+    robot, needs = driver.robot, () if capability is None else capability.needs
+    wanted = {patch.name for need in needs for patch in need.skin_of(robot)}
+    places = touchable(Skin(robot), driver.read().joints, [field.place for field in default_fields()])
+    best = sorted(places, key=lambda one: one.place.patch not in wanted)
+    poked = poke_first(driver.world, best, speed=0.25, depth=0.01, gap=0.25 * POKE_DELAY)  # about 8 N
+    return "" if poked is None else poked.place.patch
 
 
 @contextlib.contextmanager

@@ -15,10 +15,11 @@ from inspect import isabstract
 from pathlib import Path
 from typing import Any
 
-from tci.capabilities.capability import Capability
+from tci.capabilities.capability import Capability, lacks
 from tci.capabilities.orders import named
 from tci.drivers.driver import Driver
 from tci.errors import CommandError, TciError, UnknownNameError
+from tci.robot.description import Robot
 
 GROUP = "tci.capabilities"
 """Group of the entry points of capabilities."""
@@ -62,7 +63,8 @@ def as_capability(given: Any) -> Capability[Any]:
 
 
 def load_capability(name: str) -> Capability[Any]:
-    """Returns a capability with default settings. `name` is the name of an entry point, or MODULE:CLASS.
+    """Returns a capability. `name` is the name of an entry point or MODULE:NAME, of a class with default
+    settings for everything, or of an instance with settings of its own.
 
     The module may be in the working directory. Raises UnknownNameError for an unknown name. Raises
     CommandError if the module can't be imported, or if the object with this name is no subclass of
@@ -75,9 +77,24 @@ def load_capability(name: str) -> Capability[Any]:
         found = _from_module(*name.split(":", 1))
     else:
         raise UnknownNameError("capability", name, [*sorted(points), *_in_folder(name), "or MODULE:CLASS"])
-    if not (isinstance(found, type) and issubclass(found, Capability)):
-        raise CommandError(f"{name} is no capability; valid: a subclass of tci.Capability")
+    if not (isinstance(found, Capability) or (isinstance(found, type) and issubclass(found, Capability))):
+        raise CommandError(
+            f"{name} is {named(found)}, no capability; valid: a subclass of tci.Capability, or an instance"
+        )
     return as_capability(found)
+
+
+def capabilities_for(robot: Robot) -> list[str]:
+    """The named capabilities for which a robot has what they need. One that can't be loaded is left out: it
+    tells why when somebody runs it."""
+    found = []
+    for name in sorted({point.name for point in entry_points(group=GROUP)}):
+        try:
+            if not lacks(load_capability(name), robot):
+                found.append(name)
+        except Exception:  # entry points of other packages may raise anything
+            continue
+    return found
 
 
 def _from_module(module: str, name: str) -> object:

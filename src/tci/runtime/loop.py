@@ -10,8 +10,9 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from tci.body.generic_body import BodySettings, GenericBody
-from tci.capabilities.capability import Capability
+from tci.capabilities.capability import Capability, lacks
 from tci.capabilities.orders import begin_of, step_of
+from tci.capabilities.wrapper import unwrapped
 from tci.drivers.driver import Driver
 from tci.errors import CommandError
 from tci.messages import Order, Reading
@@ -59,6 +60,8 @@ def run(
     to rest. The loop waits at most half a second (`REST`) until the robot is at rest. If SIGINT or SIGTERM
     ended the run, `run` then raises KeyboardInterrupt or SystemExit.
 
+    What the robot lacks for the capability (`Capability.needs`) is logged at the start, and in the result.
+
     Before the robot moves, raises TciError for an invalid duration or argument, CommandError if the gate
     refuses the capability's first commands, and DriverError if another process commands the robot. After the
     robot has come to rest, raises CommandError if a step of the capability did not return commands and
@@ -68,7 +71,8 @@ def run(
     check_duration(duration)
     driver, capability = as_driver(driver), as_capability(capability)
     body = GenericBody(driver.robot, settings or BodySettings())
-    report, account, name = report or LoopReport(), Account(driver), type(capability).__name__
+    report, name = report or LoopReport(), type(unwrapped(capability)).__name__
+    account = Account(driver, tuple(f"{name}: {words}" for words in lacks(capability, driver.robot)))
     memory, begun = capability.init(body), False
     watchdogs: tuple[Watchdog, ...] = usual_watchdogs(driver)
     if guard is not None:

@@ -65,6 +65,11 @@ class RunResult(Generic[Memory]):
     holds: tuple[Notice, ...]
     """Reasons for which the gate held the robot, one notice per kind of reason. The `count` of a notice is
     the number of periods in which the gate held the robot for this reason."""
+    lacks: tuple[str, ...] = ()
+    """What the robot lacks for the capability: `WithdrawalReflex: no skin on an arm of this robot`."""
+    switches: tuple[str, ...] = ()
+    """Patches in `touched` that only tell pressed or not. Their force there is the one that closes the
+    switch; with what force they were pressed nobody knows."""
 
     @property
     def ended(self) -> str:
@@ -82,10 +87,13 @@ class RunResult(Generic[Memory]):
     @property
     def summary(self) -> str:
         """One line of text with the touched patches and the joints that moved."""
-        touched = ", ".join(f"{patch} ({force:.1f} N)" for patch, force in self.touched.items())
+        touched = ", ".join(
+            f"{patch} ({'pressed' if patch in self.switches else f'{force:.1f} N'})"
+            for patch, force in self.touched.items()
+        )
         moved = ", ".join(f"{name} {np.rad2deg(way):.0f}" for name, way in [*self.moved.items()][:SHOWN])
         more = f" and {len(self.moved) - SHOWN} more" if len(self.moved) > SHOWN else ""
-        moves = f"moved {moved} degrees{more}" if moved else "nothing moved"
+        moves = f"moved {moved} degrees{more}" if moved else "; ".join(self.lacks) or "nothing moved"
         return f"{self.robot}: touched {touched or 'nowhere'}; {moves}"
 
     def __repr__(self) -> str:
@@ -110,7 +118,9 @@ class RunResult(Generic[Memory]):
             "reason": text_of(self.reason),
             "code": None if self.reason is None else self.reason.code.name,
             "touched_N": dict(self.touched),
+            "switches": [*self.switches],
             "moved_rad": dict(self.moved),
+            "lacks": [*self.lacks],
             "accepted": self.accepted,
             "refusals": [notice.to_json() for notice in self.refusals],
             "clamps": [notice.to_json() for notice in self.clamps],
@@ -123,8 +133,11 @@ class Account:
     """Collects the data for the result of a run in each period. Logs the first refusal, the first clamp and
     the first hold of each kind."""
 
-    def __init__(self, driver: Driver) -> None:
-        self._driver = driver
+    def __init__(self, driver: Driver, lacks: tuple[str, ...] = ()) -> None:
+        """`lacks` is what the robot lacks for the capability that runs."""
+        self._driver, self._lacks = driver, lacks
+        for words in lacks:
+            _log.warning("%s: %s", driver.robot.name, words)
         self._contacts: object = ()
         self._touched: dict[str, float] = {}
         self._low: Array | None = None
@@ -173,6 +186,8 @@ class Account:
             refusals=self._refusals.notices(),
             clamps=self._clamps.notices(),
             holds=self._holds.notices(),
+            lacks=self._lacks,
+            switches=tuple(name for name in self._touched if self._driver.robot.patch(name).sensor.switch),
         )
 
     def _touch(self, seen: Perception) -> None:

@@ -18,10 +18,6 @@ from tci.lab.faults.injectors import INJECTORS, Injector
 from tci.messages import Reading, SkinFrame
 from tci.messages.frames import read_only
 
-SWITCH = 16
-"""Smallest range [counts] of the raw values of a pressure sensor. A sensor with a smaller range counts as a
-switch, and the fault injector adds no noise to it. Assumed: every pressure sensor has a larger range."""
-
 
 @dataclass(frozen=True, slots=True)
 class FaultPlan:
@@ -112,7 +108,7 @@ class FaultInjector(DriverWrapper):
         """Returns the frame with noise in its raw values. If the frame is read again, the noise is equal.
         Frames of switches get no noise."""
         sensor = self.robot.patch(frame.patch).sensor
-        if sensor.highest - sensor.lowest < SWITCH:
+        if sensor.switch:
             return frame
         last = self._frames.get(frame.patch)
         if last is None or last.sequence != frame.sequence:

@@ -40,6 +40,12 @@ class Sensor(Description):
     `pascal_per_count` is used."""
 
     @property
+    def switch(self) -> bool:
+        """True if a taxel can only say pressed or not. The force that is computed from it is the force that
+        closes it, whatever it is pressed with."""
+        return not self.joints and self.highest - self.lowest <= 1.0
+
+    @property
     def shear_pascal_per_count(self) -> float:
         """Response [Pa per count] of a three-axis taxel to stress along the skin."""
         return abs(self.pascal_per_count) if self.shear is None else self.shear

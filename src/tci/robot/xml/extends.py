@@ -19,7 +19,7 @@ from tci.robot.xml.grammar import ROOT
 ATTRIBUTE, REMOVED = "extends", "removed"
 KEYS = ("id", "destination_servo_id", "name", "middleware", "of", "joint", "frame", "prefix")
 """Attributes that distinguish elements with equal tags."""
-MOST = 4
+MOST = 6
 """Largest number of files that are merged to one description. Assumed: enough for a robot, a variant of the
 robot, and changes by the robot's owner."""
 

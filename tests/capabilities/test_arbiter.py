@@ -321,7 +321,7 @@ def braked(name: str, task: Turn, seed: int) -> tuple[float, float, float, Array
     path: list[tuple[float, Array]] = []
     told: list[tuple[float, float]] = []
     with SimulatedDriver(with_skin_rate(load_robot(name), 100.0), seed=seed) as simulated:
-        poke_forearm(simulated)
+        poke_skin(simulated)
         world = simulated.world
         places = [world.model.joint(one).qposadr[0] for one in JOINTS[name].split()]
 

@@ -46,6 +46,9 @@ def test_record_look_cut_export_and_replay(tmp_path: Path) -> None:
     assert tci("log", "info", "no.mcap", status=1).strip() == "tci: no.mcap: No such file or directory"
     assert "valid: within 0.000 to 0.598 s" in tci("log", "cut", path, f"{path}.x", "--from", "7", status=1)
     assert "valid: 0.000 to 0.598 s" in tci("plot", path, "--from", "7", "--to", "8", status=1)
+    assert json.loads(tci("log", "touches", path, str(tmp_path / "felt.tsv"), "--json"))["touches"] == 1
+    assert "\ttap\tleft forearm " in (tmp_path / "felt.tsv").read_text()
+    assert "exists" in tci("log", "touches", path, str(tmp_path / "felt.tsv"), status=1)
     matrices = tmp_path / "touch.npz"  # the suffix of the file name selects the format
     tci("log", "export", path, str(matrices))
     assert matrices.is_file()

@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import tci
 from tci.body import GenericBody
 from tci.errors import CommandError, DescriptionError, TciError, UnknownNameError
 from tci.testing import TouchedRobot
-from tci.touches import KINDS, LaidTouches, Touch, parse_touch, place_words, plan, read_kinds, read_touches
+from tci.touches import (
+    KINDS,
+    LaidTouches,
+    Touch,
+    observe,
+    parse_touch,
+    place_words,
+    plan,
+    read_kinds,
+    read_touches,
+    write_touches,
+)
 from tci.touches.touch import FORCES
 
 COST = "grab hit massage pat pinch poke press rub scratch slap squeeze stroke tap tickle"
@@ -134,7 +145,7 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
         Touch("stroke", "left forearm 0.2..0.8", 0.5, 2.0, "left", 3.25, 0.08, "rough", "ada", "greet"),
         Touch("pat", "belly", 4.0),
     )
-    tci.touches.write_touches(tmp_path / "events.tsv", touches)
+    write_touches(tmp_path / "events.tsv", touches)
     assert read_touches(tmp_path / "events.tsv") == touches
 
 
@@ -211,3 +222,20 @@ def test_touches_without_onsets_follow_one_another_and_acts_begin_together() -> 
 def test_invalid_numbers_are_all_told() -> None:
     with pytest.raises(CommandError, match=r"onset.*duration.*speed.*hand.*strength.*no place"):
         Touch("poke", " ", -1.0, 0.0, "upper", 3.0, 9.0, "hard")
+
+
+def test_what_one_robot_felt_is_done_again_on_another(tmp_path: Path) -> None:
+    """A stroke and a press on a NAO, observed, written, and felt by a G1 and a second time observed."""
+    asked = ["stroke 'left forearm back' 0.3..0.7 4N 8cm/s 0.8s", "press 'right upper arm outside' 6N 1s"]
+    nao, g1 = TouchedRobot("nao"), TouchedRobot("g1")
+    first = observe(nao.feel(asked), nao.body)
+    write_touches(tmp_path / "felt.tsv", first)
+    again = observe(g1.feel(read_touches(tmp_path / "felt.tsv", body=g1.body)), g1.body)
+    for touches in (first, again):
+        assert [touch.kind for touch in touches] == ["stroke", "press"]
+        stroke, press = touches
+        assert stroke.force == pytest.approx(4.0, rel=0.15)
+        assert press.force == pytest.approx(6.0, rel=0.15)
+        assert stroke.speed == pytest.approx(0.08, abs=0.02)
+        assert re.fullmatch(r"right upper arm (8\d|9\d)deg 0\.\d+", press.place)
+    assert again[1].onset == pytest.approx(first[1].onset, abs=0.06)

@@ -38,6 +38,7 @@ NEXT = {
     "gesture play": "tci gesture play wave.csv icub --reflex",
     "log info": "tci plot touch.mcap",
     "log cut": "tci plot poke.mcap",
+    "log touches": "tci plot touch.mcap",
     "log export": "tci plot touch.mcap",
     "log import": "tci log info touches.mcap",
     "zenoh secure": "tci zenoh router keys/router.json5",

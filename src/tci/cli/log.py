@@ -142,3 +142,34 @@ def export(
         typer.secho(f"raw values only, without forces: {left_out}", fg="yellow", err=True)
     for path in files:
         console.print(str(path), highlight=False, markup=False)
+
+
+@app.command()
+def touches(
+    file: RecordingFile,
+    out: Annotated[Path, typer.Argument(help="Sequence of touches to write (.tsv), a new file.")],
+    robot: RecordedRobot = None,
+    as_json: AsJson = False,
+) -> None:
+    """Write the touches in a recording as a BIDS events file, which tci run --touches does again on any
+    robot. The kind of each touch is a guess from its way, length and force.
+
+    Example:  tci log touches touch.mcap touches.tsv
+    """
+    from tci.body.generic_body import GenericBody
+    from tci.cli.console import written
+    from tci.errors import RecordingError
+    from tci.recording.perceived import perceive, recorded_robot
+    from tci.recording.recording import Recording
+    from tci.touches.events import write_touches
+    from tci.touches.observed import observe
+
+    if out.exists():
+        raise RecordingError(f"{out} exists and is not replaced; valid: a new file name")
+    recording = Recording(file)
+    found = recorded_robot(recording, robot)
+    if found is None:
+        raise RecordingError(f"{file} does not name its robot; valid: give it as ROBOT")
+    felt = observe((period.perception for period in perceive(recording, found)), GenericBody(found))
+    write_touches(out, felt)
+    written(out, {"touches": len(felt)}, as_json=as_json)

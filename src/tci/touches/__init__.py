@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from tci.touches.kinds import Kind as Kind
     from tci.touches.kinds import read_kinds as read_kinds
     from tci.touches.laid import LaidTouches as LaidTouches
+    from tci.touches.observed import observe as observe
     from tci.touches.person import Person as Person
     from tci.touches.places import Spot as Spot
     from tci.touches.places import find_spot as find_spot

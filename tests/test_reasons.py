@@ -5,13 +5,15 @@ from __future__ import annotations
 import ast
 import copy
 import pickle
+import sys
+import threading
 from pathlib import Path
 
 import pytest
 
 import tci
 from tci.errors import CommandError, TciError, UnknownNameError
-from tci.reasons import NO_REASON, Code, Reason, number_of, reason_of, text_of
+from tci.reasons import NO_REASON, Code, Reason, ReasonCounter, number_of, reason_of, text_of
 
 SOURCE = Path(tci.__file__).parent
 NAMES = {"reason", "refusal", "fault", "halt", "why"}
@@ -126,3 +128,26 @@ def test_no_decision_hangs_on_the_text_of_a_reason() -> None:
     assert len(known) > 25
     found = {str(path.relative_to(SOURCE)): decisions(text) for path, text in known.items()}
     assert {path: those for path, those in found.items() if those} == {}
+
+
+def test_kinds_may_be_read_while_another_thread_counts() -> None:
+    """As `Stepper.result` does beside its worker."""
+    kinds = [Reason(Code.OTHER, f"{chr(97 + k // 10)}{chr(97 + k % 10)}") for k in range(90)]
+    counters = [ReasonCounter() for _ in range(100)]
+
+    def count() -> None:
+        for counter in counters:
+            for kind in kinds:
+                counter.add(kind, 0.0)
+
+    usual = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        worker = threading.Thread(target=count)
+        worker.start()
+        for counter in counters:
+            while len(counter.notices()) < len(kinds):
+                assert worker.is_alive() or len(counter.counts) == len(kinds)
+        worker.join()
+    finally:
+        sys.setswitchinterval(usual)

@@ -239,8 +239,9 @@ class ReasonCounter:
         return is_new
 
     def notices(self) -> tuple[Notice, ...]:
-        """Returns one notice for each kind of reason, in the order of first occurrence."""
+        """Returns one notice for each kind of reason, in the order of first occurrence. Another thread may go
+        on counting."""
+        counts = [*self.counts.items()]  # a copy in one step
         return tuple(
-            Notice(words, self._begun[words][0], count, self._begun[words][1])
-            for words, count in self.counts.items()
+            Notice(words, self._begun[words][0], count, self._begun[words][1]) for words, count in counts
         )

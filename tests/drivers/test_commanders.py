@@ -37,13 +37,16 @@ class Robot:
         }  # fmt: skip
         self.commanders.receive(Orders(**{**message, **changes}))
 
-    def tick(self) -> SafeCommand:
+    def tick(self, speed: float = 0.0) -> SafeCommand:
+        """One period, in which joint 2 measures `speed` [rad/s]."""
         if fault := self.commanders.fault():
             self.gate.hold(fault)
         count = len(self.robot.servos)
         self.readings += 1
+        velocity = np.zeros(count)
+        velocity[2] = speed
         joints = JointReading(
-            self.clock.now(), self.readings, np.array(initial_position(self.robot)), np.zeros(count)
+            self.clock.now(), self.readings, np.array(initial_position(self.robot)), velocity
         )
         sent = self.gate.step(self.commanders.take(), joints, self.clock.now())
         self.commanders.decided(sent)
@@ -188,6 +191,22 @@ def test_what_the_gate_refuses_is_told_to_its_sender_alone(robot: Robot) -> None
     assert (first.refused, second.refused) == (2, 1)
     assert "nan" in str(first.reason)
     assert "999" in str(second.reason)
+
+
+def test_what_the_gate_refuses_late_is_told_to_the_commander_of_the_joint(robot: Robot) -> None:
+    """The refusal of a switch that waited for rest comes before those of new orders."""
+    robot.say(1, PlatformSwitch(np.array([2]), Mode.VELOCITY))
+    assert robot.tick(speed=0.5).clamped[0].code is Code.SWITCHES_AT_REST
+    for _ in range(60):
+        robot.clock.advance(0.01)
+        robot.say(1)
+        robot.say(2, *[aim(3, value=float("nan"))] * robot.readings)
+        robot.tick(speed=0.5)
+        first, second = robot.commanders.states()
+        assert "nan" in str(second.reason)
+        assert second.refused == robot.readings - 1
+    assert first.reason is not None
+    assert (first.refused, first.reason.code) == (1, Code.IN_MOTION)
 
 
 def test_33_a_crowd_is_bounded(robot: Robot) -> None:

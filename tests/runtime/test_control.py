@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import tci
+from tci.body import GenericBody
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, DriverError, FrameError
 from tci.gate.gate import GateState
@@ -14,6 +15,7 @@ from tci.messages import GenericCommand, Mode, PlatformCommand
 from tci.reasons import Code, Reason
 from tci.runtime.control import Control
 from tci.runtime.moment import Moment
+from tci.testing import FakeDriver
 
 
 def nod(driver: SimulatedDriver) -> PlatformCommand:
@@ -130,3 +132,21 @@ def test_what_is_not_there_yet_is_told(driver: SimulatedDriver) -> None:
     moment = Control(driver, tci.GenericBody(driver.robot)).observe()
     assert moment is not None
     assert moment.perceived().stamp == moment.now
+
+
+def test_who_is_met_at_the_end_is_freed_too() -> None:
+    """Skin that begins to press after the last period of the loop."""
+    driver = FakeDriver("nao")
+    pressed = driver.skin["left_forearm"].copy()
+    pressed[100:130] -= 60.0
+    elbow = driver.robot.servos[driver.robot.part("left_arm").servos[3].servo or 0].index
+    bend = GenericCommand("left_arm", Mode.POSITION, np.array([0.4, 0.2, 0.0, 1.2, 0.0]), speed=0.5)
+    with Control(driver, GenericBody(driver.robot)) as control:
+        for moment in control.periods(duration=0.5):
+            control.act([bend] if moment.now == 0.0 else [])
+        begun, loops = driver.position[elbow], len(driver.sent)
+        driver.set_skin("left_forearm", pressed)
+    told = [clamp.code for sent in driver.sent[loops:] for clamp in sent.clamped]
+    assert Code.CONTACT in told
+    gone = np.array([sent.position[sent.servos.tolist().index(elbow)] for sent in driver.sent])
+    assert abs(gone[-1] - gone[0]) < abs(begun - gone[0]) - np.deg2rad(1.5), "it went back"

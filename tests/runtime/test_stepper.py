@@ -25,11 +25,13 @@ from tci.drivers.wrapper import DriverWrapper
 from tci.errors import CommandError, DriverError, FrameError, TciError
 from tci.gate.gate import GateState
 from tci.messages import GenericCommand, Mode, Perception, Reading, SwitchMode
+from tci.messages.clock import MonotonicClock
 from tci.reasons import Code
 from tci.recording.recorder import Recorder
 from tci.robot.joint_map import generic_posture
 from tci.runtime.loop import Tick, run
 from tci.runtime.stepper import KEPT, Stepper
+from tci.testing import FakeDriver
 
 POKED = 0.8
 """Length [s] of a run with a touch, a withdrawal and the end of the touch."""
@@ -247,6 +249,41 @@ def test_sigterm_ends_the_program_at_once_only_when_no_stepper_is_open() -> None
         assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
         second.close()
         assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+@pytest.mark.parametrize("failing", [False, True])
+def test_a_loop_that_hangs_is_told_at_the_end(monkeypatch: pytest.MonkeyPatch, failing: bool) -> None:
+    free, hangs, inside = threading.Event(), threading.Event(), threading.Event()
+
+    class Hanging(FakeDriver):
+        def _receive(self) -> Reading:
+            if hangs.is_set():
+                inside.set()
+                free.wait(20.0)
+            return super()._receive()
+
+    for name in ("REST", "STUCK"):
+        monkeypatch.setattr(f"tci.runtime.stepper.{name}", 0.1)
+    driver = Hanging("nao", clock=MonotonicClock(), rate=100.0)
+    stepper = Stepper(driver)
+    try:
+        stepper.observe()
+        hangs.set()
+        assert inside.wait(5.0)
+        told = ""
+        try:
+            if failing:
+                with stepper:
+                    raise ValueError("of the caller")
+            stepper.close()
+        except ValueError as error:
+            told = "".join(error.__notes__)
+        except DriverError as error:
+            told = str(error)
+        assert "may not be at rest" in told
+        assert "valid: the robot's own stop" in told
+    finally:
+        free.set()
 
 
 def test_what_does_not_fit_is_told() -> None:

@@ -277,10 +277,11 @@ class Gate:
         refusals = list(refused)
         clamped: list[Reason] = [*self._told]
         taken: list[PlatformOrder] = []
+        refused_orders: list[tuple[PlatformOrder, Reason]] = []
         if not reason:
-            late_clamps, late_refusals = self._motion.settle(now)
+            late_clamps, refused_orders = self._motion.settle(now)
             clamped += late_clamps
-            refusals += late_refusals
+            refusals += [why for _, why in refused_orders]
         for command in (commands,) if isinstance(commands, PlatformOrder) else commands:
             try:
                 if reason:
@@ -299,6 +300,7 @@ class Gate:
                 taken.append(command)
             except CommandError as error:
                 refusals.append(error.reason)
+                refused_orders.append((command, error.reason))
         self._tally.refusals += len(refusals)
         due = self._is_due(now)
         if due:
@@ -322,6 +324,7 @@ class Gate:
             reason=reason,
             met=() if self._contact is None else self._contact.met,
             orders=tuple(taken),
+            refused=tuple(refused_orders),
         )
         return self._issued
 

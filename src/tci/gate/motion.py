@@ -435,28 +435,33 @@ class Motion:
         speed = np.fmin(np.abs(self._speed), np.abs(self._slope.speed))[servos]
         return bool(rests and off.max() <= HELD and speed.max() <= PUSHED)
 
-    def settle(self, now: float) -> tuple[list[Reason], list[Reason]]:
+    def settle(self, now: float) -> tuple[list[Reason], list[tuple[PlatformOrder, Reason]]]:
         """Switches servos that waited for rest and have come to rest, and executes the latest commands in
-        their new modes. Returns the reasons for values that were clamped and for what was refused."""
+        their new modes. Returns the reasons for values that were clamped, and what was refused."""
         clamped: list[Reason] = []
-        refused: list[Reason] = []
+        refused: list[tuple[PlatformOrder, Reason]] = []
         for switch in self._waiting.copy():
-            try:
-                if self._settled(switch, now):
-                    self._waiting.remove(switch)
-                    self._change(switch.servos, switch.mode)
-                    for command, since in switch.commands:
-                        if command.mode in TARGETS or now - since <= self._settings.command_timeout:
-                            clamped += self.accept(command, since)
-                elif now > switch.rests + PATIENCE:
+            order = PlatformSwitch(np.array(switch.servos, np.intp), switch.mode)
+            if not self._settled(switch, now):
+                if now > switch.rests + PATIENCE:
                     self._let_go({*switch.servos})
-                    words = f"kept moving; valid: switch to {switch.mode.value} at rest"
-                    names = [
-                        self.robot.servos[servo].name for servo in switch.servos if self._moving([servo])
-                    ]
-                    raise CommandError(f"{', '.join(names)} {words}", code=Code.IN_MOTION)
+                    moving = [servo for servo in switch.servos if self._moving([servo])]
+                    names = ", ".join(self.robot.servos[servo].name for servo in moving)
+                    words = f"{names} kept moving; valid: switch to {switch.mode.value} at rest"
+                    refused.append((order, Reason(Code.IN_MOTION, words)))
+                continue
+            self._waiting.remove(switch)
+            try:
+                self._change(switch.servos, switch.mode)
             except CommandError as error:
-                refused.append(error.reason)
+                refused.append((order, error.reason))
+                continue
+            for command, since in switch.commands:
+                if command.mode in TARGETS or now - since <= self._settings.command_timeout:
+                    try:
+                        clamped += self.accept(command, since)
+                    except CommandError as error:
+                        refused.append((command, error.reason))
         return clamped, refused
 
     def _let_go(self, servos: AbstractSet[int]) -> None:

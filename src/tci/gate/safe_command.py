@@ -77,6 +77,9 @@ class SafeCommand:
     orders: tuple[PlatformOrder, ...] = ()
     """Orders that were accepted in this step. A driver that is connected to another TCI process sends these
     orders to that process instead of positions, because the gate of that process plans the motion."""
+    refused: tuple[tuple[PlatformOrder, Reason], ...] = ()
+    """Orders that were refused in this step, each with its reason, which is in `refusals` too. A switch that
+    waited for rest, or a command after it, may be refused later than it was accepted."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.seal, GateToken):

@@ -260,14 +260,18 @@ class Control:
             return
         begin = driver.clock.now()
         for now in driver.ticks(duration=REST):
+            contacts = None
             # if reading fails, the gate still stops joints in position mode, and ends torques
             with suppress(Exception):
                 if now - begin < REST - LET_GO:
-                    self._joints = driver.read().joints
+                    reading = driver.read()
+                    self._joints = reading.joints
+                    if self._perceiver is not None:  # who is met at the end is freed too
+                        contacts = self._perceiver.step(reading, now).contacts
             if halt is not None:
                 halt()
             try:
-                sent, failure = self._write(driver.gate.step((), self._joints, now)), None
+                sent, failure = self._write(driver.gate.step((), self._joints, now, contacts=contacts)), None
             except Exception as error:
                 failure = error
             else:

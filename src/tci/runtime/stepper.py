@@ -135,7 +135,7 @@ class Stepper:
 
     def close(self) -> None:
         """Brings the robot to rest, and lets others command it. A second call has no effect. Raises the error
-        that ended the worker, if no call has raised it."""
+        that ended the worker, if no call has raised it, and DriverError if the worker hangs."""
         self._close(None)
 
     def _close(self, error: BaseException | None) -> None:
@@ -316,7 +316,15 @@ class _Worker:
     def close(self, error: BaseException | None) -> None:
         with self._changed:
             self._cause, self._closing = error, True
-        self._thread.join(2.0 * REST + STUCK)
+        self._thread.join(longest := 2.0 * REST + STUCK)
+        if self._thread.is_alive():
+            words = (
+                f"the loop of {self._periods.robot} has not ended within {longest:.1f} s, so the robot may "
+                "not be at rest; valid: the robot's own stop, then an end of this program"
+            )
+            if error is None:
+                raise DriverError(words)
+            error.add_note(words)
         if error is None and self._failure is not None:
             raise self._failure
 

@@ -140,11 +140,16 @@ class Commanders:
                 return
 
     def decided(self, sent: SafeCommand) -> None:
-        """Records which orders of `take` the gate accepted, and the reasons why it refused the rest."""
-        over = {id(order) for order in sent.orders}
-        refused = [(client, number) for client, number, order in self._taken if id(order) not in over]
-        for (client, number), reason in zip(refused, sent.refusals, strict=False):
-            self._refuse(client, number, reason)
+        """Records which orders the gate refused, and why. An order that it had accepted before belongs to the
+        commander of its joints."""
+        taken = {id(order): (client, number) for client, number, order in self._taken}
+        for order, reason in sent.refused:
+            if id(order) in taken:
+                self._refuse(*taken[id(order)], reason)
+                continue
+            for client, member in self._members.items():
+                if not member.servos.isdisjoint(order.servos.tolist()):
+                    self._refuse(client, member.acknowledged, reason)
         self._taken = []
 
     def states(self) -> tuple[Commander, ...]:

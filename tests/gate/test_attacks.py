@@ -38,8 +38,9 @@ def moving(robot: Robot = ROBOT) -> Driven:
     return driven
 
 
-@pytest.mark.parametrize("streams", [True, False])
-@pytest.mark.parametrize("name", ["tester", "nao", "icub", "g1"])
+@pytest.mark.parametrize(
+    ("name", "streams"), [("tester", True), ("tester", False), ("icub", True), ("nao", False), ("g1", False)]
+)
 def test_hostile_commands_in_all_modes(name: str, streams: bool) -> None:
     robot = ROBOT if name == "tester" else load_robot(name)
     attack = Attack(robot, seed=5, body=False, streams=streams)

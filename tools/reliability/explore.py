@@ -18,16 +18,20 @@ TRANSITIONS = {
     (GateState.STOP, GateState.RUN),
     (GateState.STOP, GateState.HOLD),
 }
-EPISODES = 20
-"""Number of episodes of one seed."""
+RARE = {(GateState.HOLD, GateState.STOP), (GateState.STOP, GateState.HOLD)}
+"""Transitions that may be missing in few episodes."""
+EPISODES, FEW = 20, 12
+"""Number of episodes of one seed, and at CI size."""
 
 
 def loop(full: bool) -> Row:
     """Counts the violated invariants, and the transitions and faults that occurred."""
-    done = gather("loop", _one, [(seed, EPISODES) for seed in range(100 if full else 1)], full=full)
+    jobs = [(seed, EPISODES) for seed in range(100)] if full else [(1, FEW)]
+    done = gather("loop", _one, jobs, full=full)
     broken = [words for seen in done for words in seen["broken"]]
     transitions = {tuple(pair) for seen in done for pair in seen["transitions"]}
     missing = {(a.value, b.value) for a, b in TRANSITIONS} - transitions
+    rare = {(a.value, b.value) for a, b in RARE}
     faults = {name for seen in done for name in seen["faults"]}
     return Row(
         "random exploration of the control loop",
@@ -37,7 +41,7 @@ def loop(full: bool) -> Row:
         f"{len(broken)} invariants violated; {len(TRANSITIONS) - len(missing)} of {len(TRANSITIONS)} "
         f"transitions and {len(faults & {*NAMES})} of {len(NAMES)} faults occurred",
         "0 invariants violated, every transition occurs",
-        not broken and (not full or not done or (not missing and faults >= set(NAMES))),
+        not broken and (not done or (not missing and faults >= set(NAMES) if full else missing <= rare)),
     )
 
 

@@ -6,14 +6,11 @@ from __future__ import annotations
 import pytest
 
 from helpers.pressing import SHORT_POKE
-from tci.body.generic_body import GenericBody
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.fields import default_body_fields
-from tci.lab.experiments.body_trials import answerable, body_trials_of
-from tci.lab.experiments.poke import Stimulus, poke_place
+from tci.lab.experiments.body_trials import body_trials_of
 from tci.lab.experiments.proof import trial_faults
 from tci.robot.catalogue import load_robot
-from tci.simulation.world import World
 
 LACKS = {
     # This robot has no roll joint in its head, and no joints in torso and wrist.
@@ -31,18 +28,3 @@ def test_every_part_withdraws(name: str) -> None:
     assert len(trials) == {"nao-whole": 12, "icub-whole": 20}[name]
     for trial in trials:
         assert not trial_faults(robot, trial), trial
-
-
-@pytest.mark.parametrize("name", LACKS)
-def test_a_standing_robot_keeps_its_legs(name: str) -> None:
-    robot = load_robot(name)
-    world, body = World(robot), GenericBody(robot)
-    reflex = BodyWithdrawal()
-    field = next(field for field in reflex.fields.field if field.name == "shank_front")
-    assert answerable(body, field) == ["left_leg", "right_leg"]
-    place = body.landmark("left_leg", field.landmark)
-    trace = poke_place(world, place, Stimulus(), reflex=reflex, seed=1)
-    assert trace.first_contact is not None
-    assert trace.contact_lost is None
-    assert not trace.commanded
-    assert all(sent.servos.size == 0 for sent in trace.sent)

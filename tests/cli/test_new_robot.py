@@ -6,7 +6,14 @@ import json
 import shutil
 from pathlib import Path
 
+import pytest
+
+from helpers import made_hands
 from helpers.command_line import tci
+from helpers.made_hands import with_hands
+from helpers.made_humanoid import MadeHumanoid
+from tci.robot.clearance import Clearance
+from tci.robot.description import Grid
 from tci.robot.xml import read_robot
 from tci.robot.xml.model import packaged
 
@@ -34,3 +41,49 @@ def test_from_a_folder_and_from_a_package(tmp_path: Path) -> None:
     told = tci("new-robot", "no.urdf", "--package", "example-robot-data", "--out", str(out), status=1)
     assert "has no model 'no.urdf'" in told
     assert "g1_description/urdf/g1_29dof_rev_1_0.urdf" in told
+
+
+def with_pads(model: Path) -> None:
+    """Adds a pad with the size of an Inspire hand's pad, and an empty link, to the index fingers and arms."""
+    text = model.read_text()
+    extra = ""
+    for side in ("left", "right"):
+        index, arm = f"{side}_index_proximal_link", f"{side}_elbow_link"
+        box = '<geometry><box size="0.0109 0.0020 0.0143"/></geometry>'
+        pad, bumper = f"{side}_index_force_sensor_1", f"{side}_arm_bumper"
+        extra += f'<link name="{pad}"><visual>{box}</visual></link><link name="{bumper}"/>'
+        for child, parent, place in ((pad, index, "0 0.008 -0.02"), (bumper, arm, "0.04 0 -0.05")):
+            extra += f'<joint name="{child}_joint" type="fixed"><parent link="{parent}"/>'
+            extra += f'<child link="{child}"/><origin xyz="{place}"/></joint>'
+    model.write_text(text.replace("</robot>", f"{extra}</robot>"))
+
+
+def test_pads_of_the_model_are_its_skin(tmp_path: Path) -> None:
+    model = with_hands(MadeHumanoid(legs=False).urdf(tmp_path), made_hands.inspire())
+    bare = tci("new-robot", str(model))
+    assert bare.rstrip().endswith("no skin in this model: sleeves are assumed (--no-sleeves)")
+    sleeves = read_robot(tmp_path / "robot.xml").patches
+    assert len(sleeves) == 4
+    assert all(patch.assumed for patch in sleeves)
+    assert "assumed skin" in tci("check", str(tmp_path / "robot.xml"))
+    tci("new-robot", str(model), "--force", "--no-sleeves")
+    assert not read_robot(tmp_path / "robot.xml").patches
+    with_pads(model)
+    told = tci("new-robot", str(model), "--force")
+    assert "4 pads in the model, 162 taxels" in told
+    assert "4 pads in the model, 162 taxels" in (tmp_path / "robot.xml").read_text()
+    robot = read_robot(tmp_path / "robot.xml")
+    assert {patch.name: (patch.part, patch.segment, patch.channels) for patch in robot.patches} == {
+        "left_index_pad": ("left_fingers", "index", 80), "left_arm_bumper": ("left_arm", "forearm", 1),
+        "right_index_pad": ("right_fingers", "index", 80), "right_arm_bumper": ("right_arm", "forearm", 1),
+    }  # fmt: skip
+    # The model shows the pad only in pictures, so its thickness is in the description, and collides.
+    grid = robot.patch("left_index_pad").surface
+    assert isinstance(grid, Grid)
+    assert 1e3 * grid.thickness == pytest.approx(2.0, abs=0.1)
+    solid = Clearance(robot).model
+    pad = solid.geom("tci_pad_left_index_pad")
+    assert 2e3 * pad.size[2] == pytest.approx(2.0, abs=0.1)
+    assert pad.contype[0] or pad.conaffinity[0]
+    tci("new-robot", str(model), "--force", "--sleeves")
+    assert sum(patch.assumed for patch in read_robot(tmp_path / "robot.xml").patches) == 4

@@ -18,6 +18,13 @@ if TYPE_CHECKING:
     from tci.robot.description import Robot
 
 
+PROVED = {
+    "described": "proved in simulation",
+    "assumed": "proved on assumed skin",
+    "none": "axes and limits proved in simulation; it has no skin to touch",
+}
+
+
 def check(
     robot: RobotName,
     simulate: Annotated[
@@ -145,7 +152,7 @@ def _print_proof(proof: Proof) -> None:
     end = (
         f"[red]{len(proof.faults)} fault{'s' * (len(proof.faults) > 1)}[/]"
         if proof.faults
-        else "[green]proved in simulation[/]"
+        else f"[green]{PROVED[proof.skin]}[/]"
     )
     console.print(f"{proof.robot}: {end}")
 
@@ -183,6 +190,8 @@ def remarks(robot: Robot) -> list[str]:
                     f"{part.name} {generic.name}: {servo.name} has no limit of {', '.join(missing)}, "
                     "so the gate refuses to move it; add the limit to the description"
                 )
+    if assumed := [patch.name for patch in robot.patches if patch.assumed]:
+        notes.append(f"assumed skin, which nobody has seen on the robot: {', '.join(assumed)}")
     if robot.model is None:
         notes.append("no kinematic model: the robot can't be simulated, and its skin has no place in space")
     return notes

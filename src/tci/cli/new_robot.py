@@ -23,8 +23,8 @@ MODELS = (".urdf", ".xml", ".mjcf")
 
 COMMENT = """Proposed by tci new-robot from {file}: review it.
 From that file: joints; limits of position, speed and torque, except those marked assumed.
-Assumed: limits of acceleration and jerk, the sleeves of skin (cones around the file's shapes), the sensors'
-response, the initial posture, the zero of pronation (that of the robot)."""
+Assumed: limits of acceleration and jerk, skin that is marked so (cones around its shapes), the response
+of sensors, the initial posture, the zero of pronation (that of the robot)."""
 
 
 def new_robot(
@@ -84,6 +84,13 @@ def new_robot(
             "--hand-skin", help="Add assumed skin on the palm and the finger tips of hands with fingers."
         ),
     ] = False,
+    cover: Annotated[
+        bool | None,
+        typer.Option(
+            "--sleeves/--no-sleeves",
+            help="Sleeves of assumed skin around the arms. \\[default: only if the model has no pads]",
+        ),
+    ] = None,
     mount: Annotated[
         bool,
         typer.Option(
@@ -97,14 +104,18 @@ def new_robot(
 ) -> None:
     """Propose the description of a humanoid from its URDF or MJCF.
 
-    Finds arms, hands, fingers, head, torso and legs by their geometry, reads limits from the file, and puts
-    sleeves of skin around the arms. Check the result before you use it: if the model lacks a value, TCI
-    assumes a value and marks this value as assumed.
+    Finds arms, hands, fingers, head, torso and legs by their geometry, reads limits from the file, and takes
+    the tactile pads that the model has (tci skin find); if it has none, it puts sleeves of assumed skin
+    around the arms. Check the result before you use it: if the model lacks a value, TCI assumes a value and
+    marks this value as assumed.
 
     Example:  tci new-robot my_robot.urdf
     """
     from tci.cli.check import remarks
+    from tci.cli.skin_find import pads_as_json
+    from tci.lab.authoring.find_pads import find_pads
     from tci.lab.authoring.left_out import left_out
+    from tci.lab.authoring.pad_patches import table_of
     from tci.lab.authoring.proposal import propose
     from tci.lab.authoring.sleeves import assumed_skins
     from tci.robot.mesh_files import NO_MESHES
@@ -120,16 +131,20 @@ def new_robot(
     else:
         file = _beside(model, target, what="model")
     folder = None if meshes is None else _beside(meshes, target, what="folder of meshes")
+    source = NO_MESHES if without_meshes else None if meshes is None else str(meshes.resolve())
+    pads = find_pads(model, meshes=source)
     proposed = propose(
         model,
         name=name,
         package=package,
         mount=mount,
-        meshes=NO_MESHES if without_meshes else None if meshes is None else str(meshes.resolve()),
+        meshes=source,
         arms=_both(arms),
         elbow=_direction(elbow),
         trust_fingers=_trust(fingers),
         skin_on_hands=hand_skin,
+        pads=pads.pads,
+        cover=cover,
     )
     if target.exists() and not force:
         raise CommandError(f"{target} exists; valid: --out with another file, or --force to replace it")
@@ -137,23 +152,33 @@ def new_robot(
         proposed,
         file=file,
         meshes=NO_MESHES if without_meshes else folder,
-        comment=COMMENT.format(file=model.name),
+        comment="\n".join(
+            [COMMENT.format(file=model.name), *(pads.lines() if pads.pads or pads.left_out else ())]
+        ),
     )
     target.parent.mkdir(parents=True, exist_ok=True)
+    for pad in pads.pads:
+        if pad.is_table:
+            target.with_name(f"{pad.name}.csv").write_text(table_of(pad), encoding="utf-8")
     target.write_text(text, encoding="utf-8")
     robot = read_robot(target)
     found, notes = _found(robot), [*left_out(robot), *assumed_skins(robot), *remarks(robot)]
     if as_json:
-        print_json({"robot": name, "file": str(target), "found": found, "remarks": notes})
+        about = {"robot": name, "file": str(target), "found": found, "remarks": notes}
+        print_json({**about, "skin": pads_as_json(pads)})
         return
     console.print(f"wrote {target}", style="green", highlight=False, markup=False)
     for line in found:
+        console.print(f"  {line}", highlight=False, markup=False)
+    for line in pads.lines() if pads.pads or pads.left_out else ():
         console.print(f"  {line}", highlight=False, markup=False)
     for note in notes:
         console.print(f"  note: {note}", style="yellow", highlight=False, markup=False)
     console.print(
         f"next: review the file, then [bold]tci check --simulate {escape(str(target))}[/]", highlight=False
     )
+    if not pads.pads and cover is None:
+        console.print("no skin in this model: sleeves are assumed (--no-sleeves)", highlight=False)
 
 
 def _plain(stem: str) -> str:
@@ -254,5 +279,6 @@ def _found(robot: Robot) -> list[str]:
         idle = [servo.name for servo in robot.servos_of(name) if servo.index not in used]
         if idle:
             lines.append(f"{name}, without a generic joint: {', '.join(idle)}")
-    lines += [f"skin {patch.name}: {patch.channels} taxels on {patch.link}" for patch in robot.patches]
+    lines += [f"skin {patch.name}: {patch.channels} taxels on {patch.link}{', assumed' * patch.assumed}"
+              for patch in robot.patches]  # fmt: skip
     return lines

@@ -43,7 +43,7 @@ def find(
     if as_json:
         print_json({"model": str(model), **pads_as_json(found)})
         return
-    for line in [*map(_line, found.pads), *pads_as_text(found)]:
+    for line in [*map(_line, found.pads), *found.lines()]:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
@@ -56,25 +56,6 @@ def pads_as_json(found: FoundPads) -> dict[str, Any]:
         "left_out": [{"why": why, "names": list(names)} for why, names in found.left_out.items()],
         "remarks": list(found.notes),
     }
-
-
-def pads_as_text(found: FoundPads) -> list[str]:
-    """The same in lines for people: a count, devices, remarks, and what was left out."""
-    lines = [f"{found.members} pads in the model, {sum(pad.taxels for pad in found.pads)} taxels"]
-    for owner in {pad.device.name: pad.device for pad in found.pads if pad.device is not None}.values():
-        own = [pad for pad in found.pads if pad.device is owner]
-        lines.append(
-            f"{len(own)} of them have the sizes of {owner.title} ({owner.name}): rows, columns and order are "
-            "its; that row 1 lies at the far end is assumed: press a corner to see"
-        )
-    unknown = [pad for pad in found.pads if pad.device is None and pad.grid is not None and pad.taxels == 1]
-    if unknown:
-        lines.append(f"{len(unknown)} count as one taxel each: no device of the table has their size")
-    lines += found.notes
-    for why, names in found.left_out.items():
-        shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
-        lines.append(f"left out, {why}: {shown}")
-    return lines
 
 
 def _facts(pad: Pad) -> dict[str, Any]:

@@ -8,7 +8,8 @@ out, and listed.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -49,6 +50,7 @@ class Pad:
     """One pad of a model, or an array of single taxels."""
 
     name: str
+    """A name that a description may use, which no other pad of the model has."""
     how: str
     """What it is in the model, in words."""
     link: str
@@ -72,6 +74,11 @@ class Pad:
     def taxels(self) -> int:
         return PER_MODULE * len(self.modules) if self.modules else len(self.positions)
 
+    @property
+    def is_table(self) -> bool:
+        """True if its taxels are neither a grid nor modules, so that only a table can describe them."""
+        return bool(self.taxels) and self.grid is None and not self.modules
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundPads:
@@ -87,6 +94,26 @@ class FoundPads:
     def members(self) -> int:
         """Number of elements of the model that are pads."""
         return sum(len(pad.members) for pad in self.pads)
+
+    def lines(self) -> list[str]:
+        """What was found, used and left out, in words."""
+        lines = [f"{self.members} pads in the model, {sum(pad.taxels for pad in self.pads)} taxels"]
+        for owner in {pad.device.name: pad.device for pad in self.pads if pad.device is not None}.values():
+            own = [pad for pad in self.pads if pad.device is owner]
+            lines.append(
+                f"{len(own)} of them have the sizes of {owner.title} ({owner.name}): rows, columns and order "
+                "are its; that row 1 lies at the far end is assumed: press a corner to see"
+            )
+        unknown = [
+            pad for pad in self.pads if pad.device is None and pad.grid is not None and pad.taxels == 1
+        ]
+        if unknown:
+            lines.append(f"{len(unknown)} count as one taxel each: no device of the table has their size")
+        lines += self.notes
+        for why, names in self.left_out.items():
+            shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+            lines.append(f"left out, {why}: {shown}")
+        return lines
 
 
 @dataclass
@@ -140,7 +167,15 @@ def _search(
         model = model.model_copy(update={"meshes": NO_MESHES})
         points = LinkPoints(model)
         notes.append(f"read without meshes, so that only boxes have an outline: {error.faults[0].message}")
-    search = _Search(model, points, notes=notes)
+    return pads_of(model, points, root, also=also, wanted=wanted, notes=notes)
+
+
+def pads_of(
+    model: Model, points: LinkPoints, root: etree._Element, *, also: Collection[str] = (),
+    wanted: str | None = None, notes: Sequence[str] = (),
+) -> FoundPads:  # fmt: skip
+    """The same for a model that is loaded already; `root` is its file, in which Gazebo's sensors are."""
+    search = _Search(model, points, notes=list(notes))
     names = [str(points.compiled.body(body).name) for body in range(1, points.compiled.nbody)]
     for name in also:
         if name not in names:
@@ -148,10 +183,10 @@ def _search(
     _links(search, also, None if wanted is None else device(wanted))
     if model.format == "mjcf":
         _sensors(search)
-    _of_ros(search, path, root)
+    _of_ros(search, root)
     _of_gazebo(search, root)
     left = {why: tuple(names) for why, names in search.left_out.items()}
-    return FoundPads(model, tuple(_arrays(search.pads)), left, tuple(search.notes))
+    return FoundPads(model, tuple(_named(_arrays(search.pads))), left, tuple(search.notes))
 
 
 def _plain(root: etree._Element) -> etree._Element:
@@ -334,12 +369,12 @@ def _of_mesh(search: _Search, sensor: mujoco.MjsSensor, name: str) -> Pad:
     return Pad(name, "<tactile> on a mesh", str(model.body(body).name), (name,), positions, outer)
 
 
-def _of_ros(search: _Search, path: Path, root: etree._Element) -> None:
+def _of_ros(search: _Search, root: etree._Element) -> None:
     named = [one for one in root.iterfind("{*}sensor") if one.find("{*}tactile") is not None]
     if not named or search.model.format != "urdf":
         return
     try:
-        sensors = read_tactile_sensors(path)
+        sensors = read_tactile_sensors(search.model.path)
     except DescriptionError as error:
         search.notes += [f"<sensor><tactile> without taxels, since {fault}" for fault in error.faults]
         for one in named:
@@ -384,3 +419,13 @@ def _arrays(pads: Iterable[Pad]) -> list[Pad]:
         joined.append(replace(found[0], name=name, how="array of triangular modules", members=frames,
                               modules=frames))  # fmt: skip
     return joined
+
+
+def _named(pads: Iterable[Pad]) -> list[Pad]:
+    found: dict[str, Pad] = {}
+    for pad in pads:
+        name = plain = re.sub(r"\W+", "_", pad.name).strip("_")
+        while name in found:
+            name = f"{plain}_{len(found)}"
+        found[name] = replace(pad, name=name)
+    return list(found.values())

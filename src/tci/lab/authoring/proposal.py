@@ -1,17 +1,18 @@
 """Proposes a description of a humanoid from its URDF or MJCF alone.
 
 The arms are found by geometry, which must fit the definition of the generic arm. Limits are copied from the
-file. Sleeves of skin are fitted to the geometry of the links. If the file lacks a value, this module proposes
-a value and marks it as assumed.
+file. Pads that the model has become its skin; without any, sleeves of skin are fitted to the geometry of the
+links. If the file lacks a value, this module proposes a value and marks it as assumed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from tci.errors import DescriptionError, Fault
 from tci.lab.authoring.find_limbs import FoundLimbs, find_limbs
+from tci.lab.authoring.find_pads import Pad
 from tci.lab.authoring.hand_skin import hand_skin
 from tci.lab.authoring.initial_posture import check_reach, clear_of_body
 from tci.lab.authoring.joint_facts import (
@@ -24,6 +25,7 @@ from tci.lab.authoring.joint_facts import (
     read_facts,
 )
 from tci.lab.authoring.link_points import LinkPoints
+from tci.lab.authoring.pad_patches import pad_patches
 from tci.lab.authoring.proposed_arm import Sign, arm, elbow_senses
 from tci.lab.authoring.proposed_fingers import Hands, Trust, find_hands, fingers, with_followers
 from tci.lab.authoring.proposed_parts import hand, leg, middle, wrist
@@ -38,7 +40,8 @@ from tci.robot.model_format import model_format
 def propose(
     path: Path, *, name: str, package: str | None = None, mount: bool = False,
     meshes: str | None = None, arms: tuple[str, str] | None = None, elbow: Sign | None = None,
-    trust_fingers: Trust | None = None, skin_on_hands: bool = False,
+    trust_fingers: Trust | None = None, skin_on_hands: bool = False, pads: Sequence[Pad] = (),
+    cover: bool | None = None,
 ) -> Robot:  # fmt: skip
     """Proposes the description of the robot whose URDF or MJCF is at `path`, for review by a person.
 
@@ -50,7 +53,9 @@ def propose(
         and the right shoulder, if the arms are in doubt. elbow: Direction in which the left elbow's joint
         bends the arm, if it is in doubt. trust_fingers: "names" or "places": source to trust if the names and
         the places of the fingers contradict each other; "none" describes the hands without fingers.
-        skin_on_hands: Adds assumed skin on palms and finger tips.
+        skin_on_hands: Adds assumed skin on palms and finger tips. pads: Pads of the model. cover: True: adds
+        sleeves of skin around the arms, although no model shows them; False: adds none; None: adds them if
+        there are no `pads`.
 
     Raises DescriptionError for a file that is not a model of a humanoid with two arms, or if arms, elbows,
     the ends of forearms or fingers are in doubt.
@@ -83,7 +88,8 @@ def propose(
         made = arm(draft, body, _side(side), points, index, sense=senses[side], mount=mount)
         check_reach(draft, made)
         parts.append(made)
-        patches += sleeves(body, limb, made, points)
+        if cover or (cover is None and not pads):
+            patches += sleeves(body, limb, made, points)
     parts = clear_of_body(draft, parts)
     parts += [
         middle(body, "head", body.head, index),
@@ -97,6 +103,7 @@ def propose(
         parts.append(fingers(draft, body, side, found, facts, points))
         patches += hand_skin(body, found, parts[-1], points) if skin_on_hands else []
     parts += [leg(draft, body, one, side, points, index) for side, one in body.legs.items()]
+    patches += pad_patches(draft, parts, pads, points.compiled)
     return draft.model_copy(update={"parts": tuple(parts), "patches": tuple(patches)})
 
 

@@ -105,7 +105,8 @@ def cone_patch(
     )  # fmt: skip
     return Patch(
         name=name, part=part.name, segment=segment, link=link, rate=100.0, channels=rings * per_ring,
-        surface=cone, sensor=Sensor(rest=240.0, pascal_per_count=-600.0, lowest=0.0, highest=255.0),
+        surface=cone, assumed=True,
+        sensor=Sensor(rest=240.0, pascal_per_count=-600.0, lowest=0.0, highest=255.0),
     )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from itertools import chain
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -75,6 +75,8 @@ class Proof:
     """Results of one poke of every patch."""
     faults: tuple[str, ...]
     """Faults, one sentence each. Each sentence contains the valid values."""
+    skin: Literal["described", "assumed", "none"] = "described"
+    """What the touches were tested on: "assumed" if any of it is, "none" for a robot without skin."""
 
     def to_json(self) -> dict[str, Any]:
         """Returns the results as JSON values."""
@@ -124,6 +126,8 @@ def prove(
         progress(f"skin, {touch.patch.replace('_', ' ')}")
     places = {(patch.part, patch.segment) for patch in robot.patches}
     reflex = WithdrawalReflex()
+    if not any(part in arms for part, _ in places):  # its skin is elsewhere, or it has none
+        return Proof(robot.name, tuple(axes), (), tuple(patches), tuple(faults), _skin(robot))
     bare = [
         f"{part}'s {field.segment}"
         for part in arms
@@ -134,7 +138,7 @@ def prove(
         faults.append(
             f"no skin on {', '.join(dict.fromkeys(bare))}, so the reflex can't be tested; add a patch there"
         )
-        return Proof(robot.name, tuple(axes), (), tuple(patches), tuple(faults))
+        return Proof(robot.name, tuple(axes), (), tuple(patches), tuple(faults), _skin(robot))
     trials = []
     progress("reflexes")
     try:
@@ -147,7 +151,13 @@ def prove(
             progress(f"reflex, {trial.side} {trial.site.replace('_', ' ')}")
     except TciError as error:  # a point without skin, or without room for the finger
         faults.append(f"poke {len(trials) + 1} failed: {error}")
-    return Proof(robot.name, tuple(axes), tuple(trials), tuple(patches), tuple(faults))
+    return Proof(robot.name, tuple(axes), tuple(trials), tuple(patches), tuple(faults), _skin(robot))
+
+
+def _skin(robot: Robot) -> Literal["described", "assumed", "none"]:
+    if not robot.patches:
+        return "none"
+    return "assumed" if any(patch.assumed for patch in robot.patches) else "described"
 
 
 def compare_axes(robot: Robot, part: GenericPart) -> Axes:

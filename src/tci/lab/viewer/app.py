@@ -229,7 +229,13 @@ class Viewer:
 
     def _add_poke(self) -> None:
         gui = self.server.gui
-        self._hint = gui.add_markdown(HINT)
+        assumed = {
+            source.robot.name: None
+            for source in self.sources.values()
+            if any(patch.assumed for patch in source.robot.patches)
+        }
+        told = f" Skin of {', '.join(assumed)} is partly assumed: nobody has seen it there." * bool(assumed)
+        self._hint = gui.add_markdown(HINT + told)
         with gui.add_folder("poke"):
             self._force = gui.add_slider("force [N]", 0.5, 10.0, 0.5, 5.0)
             self._speed = gui.add_slider("speed [m/s]", 0.05, 0.5, 0.05, 0.25)

@@ -141,7 +141,8 @@ class Session:
             world.finger.poke(place.patch, place.p_L, place.n_L, speed=speed, depth=depth, gap=GAP)
             self._leave = world.time + STAY + GAP / speed
             self.pokes += 1
-            self.say(f"poke of {place.patch}: up to {force:g} N at {speed:g} m/s")
+            assumed = " (assumed skin)" * self.robot.patch(place.patch).assumed
+            self.say(f"poke of {place.patch}{assumed}: up to {force:g} N at {speed:g} m/s")
 
         self.post(begin)
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
@@ -13,11 +14,11 @@ from tci.robot.description import (
     USUAL_ACTUATORS,
     GenericPart,
     GenericServo,
-    Grid,
     Patch,
     Robot,
     Servo,
-    TruncatedCone,
+    Table,
+    TriangularModules,
 )
 from tci.robot.xml.element import Element
 from tci.robot.xml.grammar import GENERIC_ROBOT, LIMITS, ROOT
@@ -33,8 +34,8 @@ def write_robot(
     of TCI that installs the package. `meshes` is a folder beside the description, or "none" for a model that
     is to be read without its meshes.
 
-    Raises TciError if the robot has couplings, attached models, transforms of the kind `coupled`, response
-    curves, or skin other than cones and grids: this function can't write them.
+    Tables of taxels are named as files beside the description. Raises TciError if the robot has couplings,
+    attached models, transforms of the kind `coupled`, or response curves: this function can't write them.
     """
     if robot.couplings:
         raise TciError("couplings are not written; add them by hand")
@@ -142,8 +143,6 @@ def _generic_servo(part: _Written, robot: Robot, home: str, servo: GenericServo)
 
 
 def _patch(skin: _Written, patch: Patch) -> None:
-    if not isinstance(patch.surface, TruncatedCone | Grid):
-        raise TciError(f"the skin {patch.name} is no cone or grid and is not written; add it by hand")
     if patch.sensor.response:
         raise TciError(f"the response curve of the skin {patch.name} is not written; add it by hand")
     written = skin.add("patch", patch)
@@ -151,4 +150,13 @@ def _patch(skin: _Written, patch: Patch) -> None:
         written.add("felt_through_joints")
     else:
         written.add("sensor", patch.sensor)
-    written.add(patch.surface.kind, patch.surface)
+    surface = patch.surface
+    if isinstance(surface, TriangularModules):
+        modules = written.add(surface.kind)
+        turns = surface.turns or (0.0,) * len(surface.frames)
+        for frame, port, turn in zip(surface.frames, surface.ports, turns, strict=True):
+            modules.add("module", frame=frame, port=port, turn=turn or None)
+    elif isinstance(surface, Table):
+        written.add(surface.kind, surface, file=Path(surface.file).name)
+    else:
+        written.add(surface.kind, surface)

@@ -28,7 +28,7 @@ def robot() -> Robot:
     return nao.model_copy(update={"patches": (skin,)})
 
 
-@pytest.mark.parametrize(("servo", "by"), [("", 0.0), ("LShoulderPitch", 0.1), ("LElbowYaw", 0.03)])
+@pytest.mark.parametrize(("servo", "by"), [("", 0.0), ("LElbowRoll", -0.05), ("LElbowYaw", 0.03)])
 def test_the_force_of_a_contact_has_the_physics_direction(robot: Robot, servo: str, by: float) -> None:
     """A finger presses the skin, then the arm moves a little under the finger."""
     world = World(robot)

@@ -22,9 +22,9 @@ from tci.robot.kinematics import joints_of
 from tci.robot.model_file import compiled, load_spec
 from tci.support.engine import mujoco
 
-LEFT, RIGHT, SKIN, GROUND = 1, 2, 4, 8
-"""Bits of MuJoCo's `contype` and `conaffinity`, which select the geoms that collide with each other. Skin
-collides only with the simulated finger; the skin of soles also collides with the ground."""
+LEFT, RIGHT, SKIN, GROUND, PERSON = 1, 2, 4, 8, 16
+"""Bits of MuJoCo's `contype` and `conaffinity`, which select the geoms that collide with each other: those of
+the arms, the simulated finger with skin, the ground with soles, people and things with all of the robot."""
 
 HIDDEN = 3
 """Number of the geom group that is left out of pictures."""

@@ -12,6 +12,10 @@ from tci.support.lazy import lazy_names
 
 if TYPE_CHECKING:
     from tci.simulation.finger import Finger as Finger
+    from tci.simulation.hand import Hand as Hand
+    from tci.simulation.hand import Person as Person
+    from tci.simulation.hand import PersonModel as PersonModel
+    from tci.simulation.hand_path import HandPath as HandPath
     from tci.simulation.imperfection import Imperfection as Imperfection
     from tci.simulation.touch import ContactTruth as ContactTruth
     from tci.simulation.world import World as World

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from tci.errors import CommandError, TciError
 from tci.messages.frames import Array
 from tci.robot.collisions import SKIN
+from tci.robot.neutral import neutral
 from tci.simulation import stepping as at
 from tci.simulation.physics import Physics, exclusive
 from tci.simulation.posed_skin import PosedSkin
@@ -49,10 +50,12 @@ def add_finger(spec: mujoco.MjSpec, *, step: float, radius: float = RADIUS) -> N
 
     The finger's base can be placed anywhere. The tip slides along the z axis of the base.
     """
+    plain = neutral(spec)
     base = spec.worldbody.add_body(name=FINGER, mocap=True, pos=_PARKED)
     tip = base.add_body(name=_TIP, gravcomp=1.0)
-    tip.add_joint(name=_TIP, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
+    tip.add_joint(plain, name=_TIP, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
     tip.add_geom(
+        plain,
         name=_TIP,
         type=mujoco.mjtGeom.mjGEOM_SPHERE,
         size=[radius, 0.0, 0.0],
@@ -69,6 +72,7 @@ def add_finger(spec: mujoco.MjSpec, *, step: float, radius: float = RADIUS) -> N
     # The shaft needs a separate body. If tip and shaft shared one body, most rays of MuJoCo would miss the
     # shaft.
     tip.add_body(gravcomp=1.0).add_geom(
+        plain,
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
         size=[RADIUS, 0.0, 0.0],
         fromto=[0.0, 0.0, 0.0, 0.0, 0.0, -_SHAFT],
@@ -78,7 +82,7 @@ def add_finger(spec: mujoco.MjSpec, *, step: float, radius: float = RADIUS) -> N
         group=2,
         rgba=_COLOUR,
     )
-    spring = spec.add_actuator(name=_TIP, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=_TIP)
+    spring = spec.add_actuator(plain, name=_TIP, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=_TIP)
     spring.set_to_position(kp=STIFFNESS, kv=DAMPING)
     spec.add_sensor(
         name=_TIP,

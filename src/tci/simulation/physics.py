@@ -83,7 +83,7 @@ class Physics:
     def advance(self, until: int, *others: Any) -> None:
         """Executes steps until the total number of steps is `until`.
 
-        `others` are three groups of arrays: of the servos, the finger and the skin.
+        `others` are four groups of arrays: of the servos, the finger, the skin and the hands.
         """
         with self.lock:
             self.steps = stepping.march(

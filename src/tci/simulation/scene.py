@@ -11,10 +11,12 @@ import numpy as np
 
 from tci.errors import CommandError
 from tci.messages.frames import Array, apply, invert, transform
-from tci.robot.collisions import GROUND, exclude_overlaps, solid_spec
+from tci.robot.collisions import GROUND, PERSON, exclude_overlaps, solid_spec
 from tci.robot.description import SOLE, Robot
 from tci.robot.kinematics import KinematicChain
+from tci.robot.neutral import neutral, plain_options
 from tci.simulation.finger import RADIUS, add_finger
+from tci.simulation.hand import PersonModel, add_hand
 from tci.simulation.touch import FINGER_PRIORITY, FLOOR, add_skin
 from tci.skin.surfaces import Surface
 from tci.support.engine import mujoco
@@ -32,6 +34,7 @@ def build_scene(
     stands: bool = False,
     shown: bool = False,
     tip: float = RADIUS,
+    hands: Mapping[str, PersonModel] | None = None,
 ) -> mujoco.MjModel:
     """Builds and compiles a model of the robot with its servos and skin, and of a finger.
 
@@ -44,6 +47,7 @@ def build_scene(
     is to stand and has no sole with skin.
     """
     spec = solid_spec(robot, shown=shown)
+    plain_options(spec)
     spec.option.timestep = step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     _add_servos(spec, robot)
@@ -62,6 +66,12 @@ def build_scene(
                 floor=stands and patch.segment == SOLE,
             )
     add_finger(spec, step=step, radius=tip)
+    if hands:
+        for geom in spec.geoms:
+            if geom.contype or geom.conaffinity or not shown:
+                geom.conaffinity |= PERSON
+        for name, person in hands.items():
+            add_hand(spec, name, person, step=step)
     if stands:
         _add_floor(spec, robot, surfaces, posture)
     return exclude_overlaps(spec, robot, posture)
@@ -86,9 +96,9 @@ def _add_floor(spec: mujoco.MjSpec, robot: Robot, surfaces: Mapping[str, Surface
     T_WT = transform(R_WB.reshape(3, 3), base.pos) @ invert(poses[base.name])
     lowest = min(float(apply(T_WT @ poses[sole.link], sole.positions)[:, 2].min()) for sole in soles)
     spec.worldbody.add_geom(
-        name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2.0, 2.0, 0.1], pos=[0.0, 0.0, lowest],
-        contype=GROUND, conaffinity=0, condim=3, friction=FRICTION, priority=FINGER_PRIORITY + 2,
-        rgba=[0.8, 0.8, 0.78, 1.0],
+        neutral(spec), name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2.0, 2.0, 0.1],
+        pos=[0.0, 0.0, lowest], contype=GROUND, conaffinity=0, condim=3, friction=FRICTION,
+        priority=FINGER_PRIORITY + 2, rgba=[0.8, 0.8, 0.78, 1.0],
     )  # fmt: skip
     base.add_freejoint()
 
@@ -109,7 +119,9 @@ def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
                 ends = np.array([limits.lower, limits.upper]) * one.multiplier + one.offset
                 joint.range = np.sort(ends) * unit
             joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
-            actuator = spec.add_actuator(name=one.joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=one.joint)
+            actuator = spec.add_actuator(
+                neutral(spec), name=one.joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=one.joint
+            )
             actuator.set_to_position(kp=1.0, kv=1.0)
             actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
             actuator.forcerange = np.array([-1.0, 1.0])

@@ -14,6 +14,7 @@ from llvmlite import binding
 from numba import float64, int64, types
 
 from tci.messages.frames import Array
+from tci.simulation.hand_control import HANDS, guide, note
 from tci.simulation.sampling import DUE, SKIN, SLOTS, Arrays, sample
 from tci.support.compiled import compiled, inlined, reads, returns, views, writes
 from tci.support.engine import mujoco
@@ -161,7 +162,7 @@ def _look_ahead(model: int, data: int, warm: Array, spare: Array) -> None:
         warm[i] = spare[i]
 
 
-@compiled(int64(ENGINE, int64, int64, float64, MOVED, KEPT, SERVOS, FINGER, SKIN))
+@compiled(int64(ENGINE, int64, int64, float64, MOVED, KEPT, SERVOS, FINGER, SKIN, HANDS))
 def march(
     engine: tuple[int, int],
     begin: int,
@@ -172,12 +173,13 @@ def march(
     servos: Arrays,
     finger: Arrays,
     skin: Arrays,
+    hands: Arrays,
 ) -> int:
     """Executes the steps of the simulation with the numbers `begin` to `end` - 1, each of `step` [s].
 
     Also computes the skin frames that become due. Returns the number of the next step, which is below `end`
     if the loop ended early: a patch then has more contacts than its sensor can report (`SLOTS`). The arrays
-    are explained at `MOVED`, `KEPT`, `SERVOS`, `FINGER` and `SKIN`.
+    are explained at `MOVED`, `KEPT`, `SERVOS`, `FINGER`, `SKIN` and `HANDS`.
     """
     model, data = engine
     warm, spare, whole = kept
@@ -192,9 +194,11 @@ def march(
         _drive(qpos, ctrl, states, places, asked, 0.0)
         if tool[ACTIVE]:
             _push(time, ctrl, tool, whole)
+        guide(number, step, ctrl, hands)
         _step(model, data)
         if tool[ACTIVE]:
             _note(time, sensors, tool, whole, trace)
+        note(number, step, sensors, hands)
         if number + 1 < min(due, end):
             continue
         # Torques and forces on the skin depend on the servos' inputs. The inputs of the previous step would

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.messages.frames import Array, apply, invert
-from tci.robot.collisions import GROUND, SKIN
+from tci.robot.collisions import GROUND, PERSON, SKIN
+from tci.robot.neutral import neutral
 from tci.simulation.physics import Physics
 from tci.simulation.sampling import SLOTS
 from tci.skin.surfaces import Surface
@@ -83,19 +84,22 @@ def add_skin(spec: mujoco.MjSpec, surface: Surface, *, axes: int, step: float, f
     """
     name = skin_geom(surface.patch)
     points, faces = _solid(surface)
+    plain = neutral(spec)
     spec.add_mesh(
+        plain,
         name=name,
         uservert=points.ravel(),
         userface=faces.ravel(),
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
     )
     spec.body(surface.link).add_geom(
+        plain,
         name=name,
         type=mujoco.mjtGeom.mjGEOM_MESH,
         meshname=name,
         mass=0.0,
         contype=0,
-        conaffinity=SKIN | GROUND if floor else SKIN,
+        conaffinity=SKIN | PERSON | (GROUND if floor else 0),
         condim=axes,
         priority=FINGER_PRIORITY + 1 if axes == 3 else 0,
         solref=stiff(step),

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tci.errors import CommandError, DescriptionError, Fault
+from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
 from tci.messages import JointReading, Mode, SkinFrame
 from tci.messages.frames import Array
 from tci.robot.collisions import NO_MODEL
@@ -18,6 +18,7 @@ from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
 from tci.robot.like import RobotLike, as_robot
 from tci.simulation.finger import RADIUS, Finger
+from tci.simulation.hand import Hand, Hands, Person, PersonModel
 from tci.simulation.imperfection import Imperfection
 from tci.simulation.joint_torques import JointTorques
 from tci.simulation.physics import Physics, exclusive
@@ -33,6 +34,8 @@ MIDDLEWARE = "sim"
 MAX_STEP = 0.005
 """Longest step [s] of the physics. This step equals the time constant of the servos. With steps of 0.002 s or
 more, contacts are softer than with shorter steps."""
+MOST_PEOPLE = 4
+"""Each person makes a step of the physics slower, also before they touch."""
 MAX_TIP = 0.05
 """Largest radius [m] of the finger's tip. In a simulated grasp the tip is the ball, and this value is the
 radius of the largest ball that is tried."""
@@ -59,6 +62,7 @@ class World:
         stands: bool = False,
         period: float | None = None,
         tip: float = RADIUS,
+        people: int | Sequence[PersonModel] = 0,
     ) -> None:
         """Builds the world.
 
@@ -68,6 +72,7 @@ class World:
         - `imperfection`: deviations of the skin's sensors from ideal sensors.
         - `skin`: True for all patches, False for none, or the names of patches.
         - `tip` [m]: radius of the finger's tip. The tip can also represent a ball in a hand.
+        - `people`: who can touch the robot with their hands (`person`), or how many.
 
         `posture` maps generic parts to their generic angles [rad] at the start. Other parts start at their
         initial posture. With `stands`, the robot carries its weight on a floor and may fall. Only the robot's
@@ -93,9 +98,13 @@ class World:
         self.surfaces: Mapping[str, Surface] = {patch.name: built[patch.name] for patch in worn}
         """Taxels of every patch, by the patch's name."""
         home = start_angles(robot, posture or {})
+        models = _people(people)
+        hands = {f"tci_{one.name}_{side}": one for one in models for side in ("left", "right")}
         self._seed = _checked_seed(seed)
         self._generator = np.random.default_rng(seed)
-        self._build = partial(build_scene, robot, self.surfaces, home, step=step, stands=stands, tip=tip)
+        self._build = partial(
+            build_scene, robot, self.surfaces, home, step=step, stands=stands, tip=tip, hands=hands
+        )
         self._physics = Physics(self._build())
         self._home = home
         period = 1.0 / robot.binding(MIDDLEWARE).rate if period is None else period
@@ -109,11 +118,30 @@ class World:
         )  # fmt: skip
         self.finger = Finger(self._physics, self._skin, self._taxels.unfelt)
         """Finger that pokes the skin."""
+        self._hands = Hands(self._physics, hands)
+        self._hand_list = [Hand(self._hands, k, one) for k, one in enumerate(hands.values())]
+        self._people = {
+            one.name: Person(one, *self._hand_list[2 * k : 2 * k + 2]) for k, one in enumerate(models)
+        }
         servos, finger = self._servos, self.finger
         self._arrays = (
             (servos.state, servos.places, servos.asked), (finger.state, finger.traced), self._taxels.arrays,
         )  # fmt: skip
         self.reset()
+
+    def person(self, name: str = "") -> Person:
+        """A person of this world; the first one without a name. Raises UnknownNameError for another name,
+        CommandError if the world has no people."""
+        if not self._people:
+            raise CommandError("this world has no people; valid: World(..., people=1)")
+        name = name or next(iter(self._people))
+        if name not in self._people:
+            raise UnknownNameError("person", name, self._people)
+        return self._people[name]
+
+    @property
+    def people(self) -> tuple[Person, ...]:
+        return tuple(self._people.values())
 
     @property
     def seed(self) -> int:
@@ -164,6 +192,8 @@ class World:
         self._physics.reset(self._servos.addresses, self._servos.home)
         self._servos.reset()
         self.finger.retire()
+        for hand in self._hand_list:
+            hand.retire()
         self._taxels.reset()
 
     @property
@@ -189,7 +219,13 @@ class World:
         last = math.ceil(until / self._physics.step - 1e-6)
         while self._physics.steps < last:
             end = min(last, self._taxels.due) if self._taxels.noisy else last
-            self._physics.advance(end, *self._arrays)
+            for hand in self._hand_list:
+                hand.begin_waiting()
+                if hand.waiting:
+                    end = min(
+                        end, max(math.ceil(hand.due / self._physics.step - 1e-6), self._physics.steps + 1)
+                    )
+            self._physics.advance(end, *self._arrays, self._hands.arrays)
             if self._taxels.noisy or self._physics.steps < end:
                 self.frames()
 
@@ -324,6 +360,17 @@ def start_angles(robot: Robot, posture: Mapping[str, ArrayLike]) -> Array:
             angles[servo.index], -np.inf if lower is None else lower, np.inf if upper is None else upper
         )
     return angles
+
+
+def _people(people: int | Sequence[PersonModel]) -> list[PersonModel]:
+    if isinstance(people, int):
+        if not 0 <= people <= MOST_PEOPLE:
+            raise CommandError(f"people {people}; valid: 0 to {MOST_PEOPLE}")
+        return [PersonModel(name=f"person{k + 1}") for k in range(people)]
+    names = [one.name for one in people]
+    if len(set(names)) < len(names) or len(names) > MOST_PEOPLE:
+        raise CommandError(f"people {names}; valid: up to {MOST_PEOPLE}, with different names")
+    return list(people)
 
 
 def _checked_seed(seed: int) -> int:

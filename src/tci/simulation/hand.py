@@ -1,0 +1,431 @@
+"""A person's hand in the simulation: a palm and five finger tips on soft pads, carried by a soft arm.
+
+MuJoCo moves a mass on three springs (the arm), on which six capsules slide on springs of their own (the
+pads). What the hand is to do is a `HandPath`; `hand_control` moves the springs' ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tci.errors import CommandError, TciError, UnknownNameError
+from tci.messages.frames import Array, read_only
+from tci.robot.collisions import PERSON
+from tci.robot.neutral import neutral
+from tci.simulation import hand_control as at
+from tci.simulation.hand_path import PADS, Ballistics, HandPath, plan_of, turns_of
+from tci.simulation.physics import Physics, exclusive
+from tci.simulation.touch import FINGER_PRIORITY, stiff
+from tci.support.engine import mujoco
+
+FRICTION = 0.5
+"""Of people and things on skin and shells. Assumed: dry skin on plastic has 0.3 to 0.6."""
+PERSON_PRIORITY = FINGER_PRIORITY + 3
+"""The contact's settings are those of the person, whatever the robot's model says of its own geoms."""
+SOFT = [0.5, 0.95, 0.001, 0.5, 2.0]
+"""MuJoCo's `solimp`. With its default of 0.9 for a shallow contact, a light pad lies so near the surface that
+MuJoCo misses single steps of a lasting contact."""
+MARGIN = 2e-4
+"""Distance [m] at which a contact begins."""
+PAD_MASS = 0.015
+"""Mass [kg] of a pad. Assumed: light, so that the blow is that of the hand behind it."""
+PAD_DAMPING, ARM_DAMPING = 0.5, 0.7
+"""Damping ratios. Assumed."""
+_PALM, _TIP = (0.014, 0.025), (0.007, 0.012)
+"""Radius and half length [m] of the palm's capsule, which lies across the fingers, and of a finger's, whose
+tip points at the skin. Assumed: an adult's."""
+_COLOUR = (0.85, 0.55, 0.45, 1.0)
+_INSIDE = 5e-4
+"""Depth [m] in a body at which a hand may not start."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PersonModel:
+    """A person who touches. Raises CommandError for a number out of range."""
+
+    name: str = "person"
+    mass: float = 0.6
+    """Of a hand [kg]."""
+    pad: float = 1500.0
+    """Stiffness of a pad [N/m]; people's are 1000 to 2000."""
+    arm: float = 500.0
+    """Stiffness of the arm at the hand [N/m]; people's are 200 to 800."""
+    delay: float = 0.15
+    """From what is seen and felt to the muscle [s]."""
+    bandwidth: float = 3.0
+    """Of what is corrected [Hz]."""
+
+    def __post_init__(self) -> None:
+        ranges = {"mass": (0.05, 5.0), "pad": (200.0, 5000.0), "arm": (50.0, 5000.0), "delay": (0.0, 0.5),
+                  "bandwidth": (0.1, 3.0)}  # fmt: skip
+        for name, (low, high) in ranges.items():
+            if not low <= (value := getattr(self, name)) <= high:
+                raise CommandError(f"{name} {value} of {self.name}; valid: {low:g} to {high:g}")
+
+
+def add_hand(spec: mujoco.MjSpec, name: str, person: PersonModel, *, step: float) -> None:
+    """Adds a hand, out of reach."""
+    plain = neutral(spec)
+    axes, slide = np.eye(3), mujoco.mjtJoint.mjJNT_SLIDE
+    hand = spec.worldbody.add_body(
+        name=name, gravcomp=1.0, mass=person.mass, inertia=[1e-3] * 3, explicitinertial=True
+    )
+    damping = 2.0 * ARM_DAMPING * np.sqrt(person.arm * person.mass)
+    for axis, direction in zip("xyz", axes, strict=True):
+        hand.add_joint(plain, name=f"{name}_{axis}", type=slide, axis=direction)
+        arm = spec.add_actuator(
+            plain, name=f"{name}_{axis}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=f"{name}_{axis}"
+        )
+        arm.set_to_position(kp=person.arm, kv=damping)
+    soft = 2.0 * PAD_DAMPING * np.sqrt(person.pad * PAD_MASS)
+    for pad in PADS:
+        body = hand.add_body(name=f"{name}_{pad}", gravcomp=1.0)
+        body.add_joint(
+            plain, name=f"{name}_{pad}", type=slide, axis=[0.0, 0.0, 1.0], stiffness=[person.pad, 0.0, 0.0],
+            damping=[soft, 0.0, 0.0],
+        )  # fmt: skip
+        radius, half = _PALM if pad == "palm" else _TIP
+        across = (-half, half) if pad == "palm" else (-2.0 * half, 0.0)
+        ends = [[0.0, end, -radius] if pad == "palm" else [0.0, 0.0, end - radius] for end in across]
+        body.add_geom(
+            plain, name=f"{name}_{pad}", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[radius, 0.0, 0.0],
+            fromto=np.ravel(ends), mass=PAD_MASS, rgba=_COLOUR, group=2, **contact_of(step),
+        )  # fmt: skip
+    fields = (mujoco.mjtConDataField.mjCONDATA_FOUND, mujoco.mjtConDataField.mjCONDATA_FORCE,
+              mujoco.mjtConDataField.mjCONDATA_POS)  # fmt: skip
+    spec.add_sensor(
+        name=name, type=mujoco.mjtSensor.mjSENS_CONTACT, objtype=mujoco.mjtObj.mjOBJ_XBODY, objname=name,
+        intprm=[sum(1 << int(field) for field in fields), 2, at.SLOTS],
+    )  # fmt: skip
+
+
+def contact_of(step: float) -> dict[str, object]:
+    """Settings of the contacts of people and things with a robot."""
+    return {
+        "contype": PERSON, "conaffinity": 0, "condim": 3, "friction": [FRICTION, 0.005, 1e-4],
+        "priority": PERSON_PRIORITY, "solref": stiff(step), "solimp": SOFT,
+        "margin": MARGIN, "gap": 0.0,
+    }  # fmt: skip
+
+
+class Hands:
+    """All hands of a world, in the arrays of the compiled loop."""
+
+    def __init__(self, physics: Physics, people: dict[str, PersonModel]) -> None:
+        """`people` has one entry for each hand, by the name of its body."""
+        self.physics, model, data = physics, physics.model, physics.data
+        self.names = tuple(people)
+        count = len(people)
+        self.whole, self.state = np.zeros((count, at.WHOLE), np.int64), np.zeros((count, at.STATE))
+        self.plans: list[Array] = [np.zeros((0, at.PAD_BEGIN + at.EACH * at.PADS))] * count
+        self.memory = np.zeros((count * at.RING, 9))
+        self.traces = np.zeros((count * at.TRACE, at.NOTED))
+        for k, (name, person) in enumerate(people.items()):
+            whole, joint = self.whole[k], model.joint(f"{name}_x")
+            whole[at.QPOS], whole[at.DOF] = joint.qposadr[0], joint.dofadr[0]
+            whole[at.CTRL], whole[at.FELT] = model.actuator(f"{name}_x").id, model.sensor(name).adr[0]
+            whole[at.BODY], whole[at.DELAY] = (
+                model.body(f"{name}_palm").id,
+                round(person.delay / physics.step),
+            )
+            self.state[k, at.STIFFNESS : at.STATE] = (
+                person.arm, 2.0 * ARM_DAMPING * np.sqrt(person.arm * person.mass), person.pad,
+                2.0 * np.pi * person.bandwidth,
+            )  # fmt: skip
+        self._others = (
+            data.xpos, data.xquat, model.body_pos, model.body_quat, data.qpos, data.qvel,
+        )  # fmt: skip
+        self.arrays: tuple[Any, ...] = ()
+        """Arguments of the compiled loop, as `hand_control.HANDS` says."""
+        self.renew()
+
+    def renew(self) -> None:
+        """Puts the plans of all hands into one array."""
+        begins = np.cumsum([0, *map(len, self.plans)])
+        self.whole[:, at.FIRST], self.whole[:, at.COUNT] = begins[:-1], np.diff(begins)
+        plans = np.concatenate(self.plans) if self.plans else np.zeros((0, 1))
+        self.arrays = (
+            self.whole, self.state, plans, self.memory, self.traces, *self._others,
+        )  # fmt: skip
+
+
+class Hand:
+    """One hand of a person."""
+
+    def __init__(self, hands: Hands, number: int, person: PersonModel) -> None:
+        self._hands, self._number, self._physics = hands, number, hands.physics
+        self._whole, self._state = hands.whole[number], hands.state[number]
+        self.name, self.person = hands.names[number], person
+        model = self._physics.model
+        self._geoms = [model.geom(f"{self.name}_{pad}").id for pad in PADS]
+        self._scratch = mujoco.MjData(model)
+        self._solid = np.flatnonzero(model.geom_conaffinity & PERSON).tolist()
+        damping = 2.0 * PAD_DAMPING * float(np.sqrt(person.pad * PAD_MASS))
+        self._ballistics = Ballistics(person.mass, person.pad, damping, FRICTION)
+        self.waiting: list[tuple[float, HandPath]] = []
+        """Start times [s] and paths of touches that have not begun."""
+        self.missed: list[tuple[float, str]] = []
+        """Times [s] of touches that could not begin as planned, and why."""
+        self.retire()
+
+    # ------------------------------------------------------------------ what it does
+
+    @exclusive
+    def touch(self, path: HandPath, start: float | None = None) -> None:
+        """Begins a touch now, or at the time `start` [s] of the world: its first contact is a quarter of a
+        second later (`APPROACH`). The hand appears beside the body, follows the path, and goes away.
+
+        Raises UnknownNameError for a link that the robot lacks, CommandError for a start in the past or while
+        the hand does something else, and TciError if the hand has no room: it never starts inside a body. A
+        touch that has no room when its `start` comes is noted in `missed`.
+        """
+        names = [self._physics.model.body(k).name for k in range(1, self._physics.model.nbody)]
+        if path.link not in names:
+            raise UnknownNameError("link", path.link, [one for one in names if not one.startswith("tci_")])
+        now = self._physics.time
+        if start is not None and start > now + 0.5 * self._physics.step:
+            self.waiting = sorted([*self.waiting, (start, path)], key=lambda one: one[0])
+            return
+        if start is not None and start < now - 0.5 * self._physics.step:
+            raise CommandError(f"start {start:g} s; valid: now ({now:g} s) or later")
+        if self.busy:
+            raise CommandError(f"{self.name} is touching; valid: a start after the touch, or retire()")
+        self._begin(path)
+
+    @exclusive
+    def retire(self) -> None:
+        """Takes the hand away at once, and forgets what it was to do and its measurements."""
+        self._whole[at.ACTIVE] = 0
+        self.waiting.clear()
+        self.missed.clear()
+        self._park()
+        self._clear()
+
+    def begin_waiting(self) -> None:
+        """Begins the touch whose time has come."""
+        while self.waiting and self.waiting[0][0] <= self._physics.time + 0.5 * self._physics.step:
+            _, path = self.waiting.pop(0)
+            try:
+                if self.busy:
+                    raise CommandError("the hand was still at work")
+                self._begin(path)
+            except TciError as error:
+                self.missed.append((self._physics.time, str(error)))
+
+    @property
+    def due(self) -> float:
+        """Time [s] of the next touch that waits; infinite if there is none."""
+        return self.waiting[0][0] if self.waiting else np.inf
+
+    # ------------------------------------------------------------------ what is true
+
+    @property
+    def busy(self) -> bool:
+        """True from the start of a touch until the hand has gone away."""
+        return bool(self._whole[at.ACTIVE])
+
+    @property
+    def force(self) -> float:
+        """Sum of the normal forces [N] on the hand in the latest step."""
+        return float(self._state[at.FORCE])
+
+    @property
+    def peak_force(self) -> float:
+        """Largest `force` [N] of the touch."""
+        return float(self._state[at.PEAK])
+
+    @property
+    def first_contact(self) -> float | None:
+        """Time [s]; None before it."""
+        return float(self._state[at.BEGUN]) if self._whole[at.HIT] else None
+
+    @property
+    def contact_lost(self) -> float | None:
+        """Time [s] of the latest loss of contact; None during a contact and before the first one."""
+        lost = float(self._state[at.LOST])
+        return None if np.isnan(lost) else lost
+
+    @property
+    def trace(self) -> Array:
+        """(steps, 10) of the touch: time [s], asked force, contact force, friction [N], centre of the contact
+        (3) and place of the hand (3) in the link's frame [m]. The centre is NaN without contact. The last
+        40 s at the default step."""
+        count, begin = int(self._whole[at.TRACED]), self._number * at.TRACE
+        rows = self._hands.traces[begin : begin + at.TRACE]
+        return rows[:count].copy() if count <= at.TRACE else np.roll(rows, -count, axis=0)
+
+    # ------------------------------------------------------------------ how it begins
+
+    def _begin(self, path: HandPath) -> None:
+        physics, model, whole = self._physics, self._physics.model, self._whole
+        physics.refresh()
+        link = model.body(path.link).id
+        turns = turns_of(path, _long_axis(model, link))
+        heights = self._heights(path, turns, link)
+        plan, _ = plan_of(path, heights, turns, physics.step, self._ballistics)
+        self._hands.plans[self._number] = plan
+        self._hands.renew()
+        self._clear()
+        whole[at.LINK], whole[at.START], whole[at.ACTIVE] = link, physics.steps, 1
+        self._watch(link)
+        target = self._pose(plan[0], link)
+        dof, joint = whole[at.DOF], whole[at.QPOS]
+        physics.qpos[joint : joint + 3], physics.qvel[dof : dof + 3] = target, self._velocity(link, target)
+        physics.qpos[joint + 3 : joint + 9] = physics.qvel[dof + 3 : dof + 9] = 0.0
+        self._state[at.LAST : at.LAST + 3] = physics.ctrl[whole[at.CTRL] :][:3] = target
+        physics.touch()
+        self._check_room()
+
+    def _watch(self, link: int) -> None:
+        """The person has watched the link before: it moved as it does now."""
+        data, step = self._physics.data, self._physics.step
+        pose = np.concatenate([data.xpos[link], data.xquat[link]])
+        twist, rate = np.zeros(6), np.zeros(7)
+        mujoco.mj_objectVelocity(
+            self._physics.model, data, mujoco.mjtObj.mjOBJ_XBODY, link, twist, 0
+        )  # rotation first
+        rate[:3] = twist[3:]
+        mujoco.mju_derivQuat(rate[3:], pose[3:], _in_body(pose[3:], twist[:3]))
+        now = self._physics.steps
+        memory = self._hands.memory[self._number * at.RING : (self._number + 1) * at.RING]
+        ages = (now - np.arange(now - at.RING, now)) * step
+        memory[np.arange(now - at.RING, now) % at.RING, :7] = pose - ages[:, None] * rate
+        memory[:, 7:] = 0.0
+        self._state[at.POSE : at.POSE + 7] = pose
+        self._state[at.RATE : at.RATE + 7] = rate
+
+    def _velocity(self, link: int, point: Array) -> Array:
+        data, twist = self._physics.data, np.zeros(6)
+        mujoco.mj_objectVelocity(self._physics.model, data, mujoco.mjtObj.mjOBJ_XBODY, link, twist, 0)
+        result: Array = twist[3:] + np.cross(twist[:3], point - data.xpos[link])
+        return result
+
+    def _pose(self, row: Array, link: int) -> Array:
+        """Puts the pads where a plan's row has them, and returns the place (3,) of the hand in the world."""
+        model, data = self._physics.model, self._physics.data
+        R = data.xmat[link].reshape(3, 3)
+        base: Array = data.xpos[link] + R @ row[at.BASE : at.BASE + 3]
+        for k in range(at.PADS):
+            pad = row[at.PAD_BEGIN + at.EACH * k :]
+            body = int(self._whole[at.BODY]) + k
+            model.body_pos[body] = data.xpos[link] + R @ pad[:3] - base
+            mujoco.mju_mulQuat(model.body_quat[body], data.xquat[link], pad[at.TURN : at.TURN + 4])
+        return base
+
+    def _heights(self, path: HandPath, turns: Array, link: int) -> Array:
+        """Heights (n, k) [m] above a path's points at which each pad first touches a body, of those that lie
+        near: a person sees where the surface is."""
+        model, data = self._physics.model, self._scratch
+        source = self._physics.data
+        data.geom_xpos[:], data.geom_xmat[:] = source.geom_xpos, source.geom_xmat
+        data.xpos[:], data.xmat[:] = source.xpos, source.xmat
+        R, p = source.xmat[link].reshape(3, 3), source.xpos[link]
+        points, normals = np.array(path.points), np.array(path.normals)
+        near = [geom for geom in self._solid if model.geom_bodyid[geom] == link]
+        if not near:
+            raise TciError(f"{path.link} has no surface that can be touched")
+        heights, local = np.zeros(points.shape[:2]), np.empty(9)
+        touches = np.array(path.forces) > 0.0
+        rows = np.unique(np.linspace(0, len(points) - 1, min(len(points), 40)).round().astype(int))
+        for k, name in enumerate(path.pads):
+            geom = self._geoms[PADS.index(name)]
+            found = {}
+            for n in rows.tolist():
+                key = (*points[n, k], *normals[n, k])
+                if key not in found:
+                    mujoco.mju_quat2Mat(local, turns[n, k])
+                    place, normal = p + R @ points[n, k], R @ normals[n, k]
+                    found[key] = self._height(geom, near, place, normal, R @ local.reshape(3, 3))
+                    if touches[n, k]:
+                        self._check_beside(geom, [one for one in self._solid if one not in near])
+                heights[n, k] = found[key]
+            heights[:, k] = np.interp(np.arange(len(points)), rows, heights[rows, k])
+        return heights
+
+    def _height(self, geom: int, near: list[int], point: Array, normal: Array, turn: Array) -> float:
+        model, data = self._physics.model, self._scratch
+        own = np.empty(9)
+        mujoco.mju_quat2Mat(own, model.geom_quat[geom])
+        data.geom_xmat[geom] = (turn @ own.reshape(3, 3)).ravel()
+        height = 0.05
+        for _ in range(8):
+            data.geom_xpos[geom] = point + height * normal + turn @ model.geom_pos[geom]
+            room = min(mujoco.mj_geomDistance(model, data, geom, other, 0.06, None) for other in near)
+            height -= room - MARGIN
+            if abs(room - MARGIN) < 2e-5:
+                break
+        return height
+
+    def _check_beside(self, geom: int, others: list[int]) -> None:
+        """Raises TciError if a pad would lie in another body while it touches the link."""
+        model, data = self._physics.model, self._scratch
+        for other in others:
+            room = mujoco.mj_geomDistance(model, data, geom, other, 1e-3, None)
+            if room < -_INSIDE:
+                raise TciError(
+                    f"no room for {self.name}: it would be {-room:.4f} m inside {_of(model, other)}"
+                )
+
+    def _check_room(self) -> None:
+        self._physics.refresh()
+        model, data = self._physics.model, self._physics.data
+        for contact in data.contact[: data.ncon]:
+            mine = np.isin(contact.geom, self._geoms)
+            if mine.any() and contact.dist < -_INSIDE:
+                where = _of(model, int(contact.geom[~mine][0]))
+                self._whole[at.ACTIVE] = 0
+                self._park()
+                raise TciError(
+                    f"no room for {self.name}: it would start {-contact.dist:.4f} m inside {where}"
+                )
+
+    def _park(self) -> None:
+        whole, physics = self._whole, self._physics
+        joint, dof, ctrl = whole[at.QPOS], whole[at.DOF], whole[at.CTRL]
+        physics.qpos[joint : joint + 9] = physics.qvel[dof : dof + 9] = 0.0
+        physics.ctrl[ctrl : ctrl + 3] = 0.0
+        physics.qpos[joint + 2] = physics.ctrl[ctrl + 2] = at.AWAY
+        physics.touch()
+
+    def _clear(self) -> None:
+        self._state[[at.FORCE, at.PEAK, at.TRIM, at.TRIM_RATE]] = 0.0
+        self._state[[at.BEGUN, at.LOST]] = np.nan
+        self._whole[[at.TRACED, at.HIT]] = 0
+
+
+class Person:
+    """A person beside the robot, with two hands."""
+
+    def __init__(self, model: PersonModel, left: Hand, right: Hand) -> None:
+        self.model, self.left, self.right = model, left, right
+
+    @property
+    def name(self) -> str:
+        return self.model.name
+
+    @property
+    def hands(self) -> tuple[Hand, Hand]:
+        return self.left, self.right
+
+
+def _of(model: mujoco.MjModel, geom: int) -> str:
+    """Name of a geom, or of its body."""
+    return str(model.geom(geom).name or model.body(int(model.geom_bodyid[geom])).name)
+
+
+def _long_axis(model: mujoco.MjModel, body: int) -> Array:
+    """Direction (3,) of a link's length, in its frame: the axis of its least moment of inertia."""
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, model.body_iquat[body])
+    axis: Array = rotation.reshape(3, 3)[:, int(np.argmin(model.body_inertia[body]))]
+    return read_only(axis)
+
+
+def _in_body(quaternion: Array, vector: Array) -> Array:
+    back, result = np.empty(4), np.empty(3)
+    mujoco.mju_negQuat(back, quaternion)
+    mujoco.mju_rotVecQuat(result, vector, back)
+    return result

@@ -1,0 +1,211 @@
+"""How a person's hand follows its plan on a body that moves, in the compiled loop of the simulation.
+
+The person sees the touched link with a delay, expects it to go on at its speed, and moves the hand's base by
+a filter of at most 3 Hz. Force is felt with the same delay; what it differs from the command of that moment
+is taken off the next ones (internal model control: on a body that rests nothing is left to correct). So a
+hand holds its force on what moves evenly, is late on what starts to move, and its blows have peaks.
+"""
+
+from __future__ import annotations
+
+from numba import int64
+
+from tci.messages.frames import Array
+from tci.support.compiled import inlined, reads, returns, writes
+
+PADS = 6
+"""Pads of a hand."""
+BASE, PUSH, ASKED, PAD_BEGIN = 0, 3, 6, 7
+"""First columns of a plan, which has a row for every step; vectors are in the touched link's frame. Where the
+hand should be (3) [m]: in the middle of its pads in use; the force that this needs beyond its arm's spring
+(3) [N]; the asked force of all pads [N]; and the first pad's values (`EACH`)."""
+PLACE, NORMAL, TURN, SHARE, EACH = 0, 3, 6, 10, 11
+"""First values of each pad: where it should be (3) [m], the outward normal (3), its orientation (4), its
+share of the force, and the number of these values."""
+ACTIVE, START, FIRST, COUNT, LINK, QPOS, DOF, CTRL, FELT, BODY, TRACED, HIT, DELAY = range(13)
+"""Columns of the integers, a row for every hand: 1 while it moves; the step of the plan's first row; this row
+and their number; the touched body; the hand's first joint in `qpos` and `qvel`, first actuator, first sensor
+value and first pad's body; steps in its record; 1 after the first contact; delay [steps]."""
+WHOLE = 13
+POSE, RATE, LAST, TRIM, TRIM_RATE, FORCE, PEAK, BEGUN, LOST = 0, 7, 14, 17, 18, 19, 20, 21, 22
+"""Columns of the state, a row for every hand: the link's pose that the hand follows (7) and its change, the
+last target (3) [m], the correction [N] and its change, the contact force and its peak [N], the times of the
+first contact and of the latest loss of contact [s]."""
+STIFFNESS, DAMPING, PAD, OMEGA = 23, 24, 25, 26
+"""Constants in the same rows: the arm's stiffness [N/m] and damping [N s/m], the pads' stiffness [N/m], and
+the filter's frequency [rad/s]."""
+STATE = 27
+SLOTS, NUMBERS = 12, 7
+"""Contacts of a hand at a time, and the values of its sensor for each: found, force (3), position (3)."""
+WINDOW = 0.05
+"""Time [s] over which the person sees a speed."""
+RING = 1024
+"""Steps that the person remembers."""
+TRACE, NOTED = 40_000, 10
+"""Steps of a hand's record, and their values: time [s], asked force, contact force and friction [N], place of
+the contact (3) and of the hand (3) in the link's frame [m]."""
+HANDS = returns(
+    writes(2, int64), writes(2), reads(2), writes(2), writes(2), reads(2), reads(2), writes(2), writes(2),
+    writes(1), writes(1),
+)  # fmt: skip
+"""Numba types of the hands: integers (see `ACTIVE`), state (see `POSE`), plans (see `BASE`), memory of link
+poses, felt and commanded forces (`RING` rows a hand, 9), record (`TRACE` rows a hand), MuJoCo's `xpos`,
+`xquat`, `body_pos`, `body_quat`, `qpos` and `qvel`."""
+Arrays = tuple[Array, ...]
+AWAY = -30.0
+"""Height [m] at which hands without work wait."""
+
+
+@inlined
+def _turned(q: tuple[float, float, float, float], x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A vector after the rotation of a unit quaternion."""
+    w, a, b, c = q
+    u, v, t = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
+    return x + w * u + b * t - c * v, y + w * v + c * u - a * t, z + w * t + a * v - b * u
+
+
+@inlined
+def _times(
+    p: tuple[float, float, float, float], q: tuple[float, float, float, float]
+) -> tuple[float, float, float, float]:
+    return (
+        p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3],
+        p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2],
+        p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1],
+        p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0],
+    )
+
+
+@inlined
+def _see(hand: int, number: int, step: float, hands: Arrays) -> None:
+    """Moves the pose that a hand follows to where the person expects the link."""
+    wholes, states, _, memory, _, xpos, xquat, _, _, _, _ = hands
+    whole, state = wholes[hand], states[hand]
+    own = memory[hand * RING : (hand + 1) * RING]
+    now, link = own[number % RING], whole[LINK]
+    for i in range(3):
+        now[i] = xpos[link, i]
+    before = own[(number - 1) % RING]
+    same = 0.0
+    for i in range(4):
+        same += xquat[link, i] * before[3 + i]
+    for i in range(4):
+        now[3 + i] = xquat[link, i] if same >= 0.0 else -xquat[link, i]
+    window = max(1, round(WINDOW / step))
+    seen = own[(number - whole[DELAY]) % RING]
+    older = own[(number - whole[DELAY] - window) % RING]
+    omega = state[OMEGA]
+    ahead = (whole[DELAY] + 2.0 / (omega * step)) / window
+    for i in range(7):
+        expected = seen[i] + ahead * (seen[i] - older[i])
+        change = omega * omega * (expected - state[POSE + i]) - 2.0 * omega * state[RATE + i]
+        state[RATE + i] += step * change
+        state[POSE + i] += step * state[RATE + i]
+
+
+@inlined
+def _correct(hand: int, number: int, step: float, asked: float, hands: Arrays) -> float:
+    """Notes the felt force and this step's command, and returns the correction [N] of the latter."""
+    wholes, states, memory = hands[0], hands[1], hands[3]
+    whole, state = wholes[hand], states[hand]
+    own = memory[hand * RING : (hand + 1) * RING]
+    seen = own[(number - whole[DELAY]) % RING]
+    wrong = seen[7] - seen[8] if whole[HIT] and seen[8] > 0.0 else 0.0
+    omega = state[OMEGA]
+    state[TRIM_RATE] += step * (omega * omega * (wrong - state[TRIM]) - 2.0 * omega * state[TRIM_RATE])
+    state[TRIM] += step * state[TRIM_RATE]
+    most = max(1.0, asked)
+    trim = min(max(-state[TRIM], -most), most) if asked > 0.0 else 0.0
+    now = own[number % RING]
+    now[7], now[8] = state[FORCE], asked + trim if asked > 0.0 else 0.0
+    return trim
+
+
+@inlined
+def guide(number: int, step: float, ctrl: Array, hands: Arrays) -> None:
+    """Moves the bases, and turns the palms and fingers, of all hands at work before a step of the physics."""
+    wholes, states, plans, _, _, _, _, body_pos, body_quat, qpos, qvel = hands
+    for hand in range(len(wholes)):
+        whole, state = wholes[hand], states[hand]
+        at = number - whole[START]
+        if not whole[ACTIVE] or at < 0:
+            continue
+        begin, joint, dof = whole[CTRL], whole[QPOS], whole[DOF]
+        if at >= whole[COUNT]:
+            whole[ACTIVE] = 0
+            for i in range(3 + PADS):
+                qpos[joint + i] = qvel[dof + i] = 0.0
+            for i in range(3):
+                ctrl[begin + i] = 0.0
+            qpos[joint + 2] = ctrl[begin + 2] = AWAY
+            state[FORCE] = 0.0
+            continue
+        row = plans[whole[FIRST] + at]
+        _see(hand, number, step, hands)
+        trim = _correct(hand, number, step, row[ASKED], hands)
+        pose = state[POSE : POSE + 7]
+        size = (pose[3] ** 2 + pose[4] ** 2 + pose[5] ** 2 + pose[6] ** 2) ** 0.5
+        for i in range(3, 7):
+            pose[i] /= size
+        turn = (pose[3], pose[4], pose[5], pose[6])
+        bx, by, bz = _turned(turn, row[BASE], row[BASE + 1], row[BASE + 2])
+        px, py, pz = row[PUSH], row[PUSH + 1], row[PUSH + 2]
+        for k in range(PADS):
+            pad = row[PAD_BEGIN + EACH * k : PAD_BEGIN + EACH * (k + 1)]
+            more = pad[SHARE] * trim
+            deeper = more / state[PAD]
+            px, py, pz = px - more * pad[NORMAL], py - more * pad[NORMAL + 1], pz - more * pad[NORMAL + 2]
+            x, y, z = _turned(
+                turn, pad[PLACE] - deeper * pad[NORMAL], pad[PLACE + 1] - deeper * pad[NORMAL + 1],
+                pad[PLACE + 2] - deeper * pad[NORMAL + 2],
+            )  # fmt: skip
+            body = whole[BODY] + k
+            body_pos[body, 0], body_pos[body, 1], body_pos[body, 2] = x - bx, y - by, z - bz
+            w, a, b, c = _times(turn, (pad[TURN], pad[TURN + 1], pad[TURN + 2], pad[TURN + 3]))
+            body_quat[body, 0], body_quat[body, 1], body_quat[body, 2], body_quat[body, 3] = w, a, b, c
+        target, push = (bx + pose[0], by + pose[1], bz + pose[2]), _turned(turn, px, py, pz)
+        for i in range(3):
+            speed = (target[i] - state[LAST + i]) / step if at > 0 else qvel[dof + i]
+            state[LAST + i] = target[i]
+            ctrl[begin + i] = target[i] + (state[DAMPING] * speed + push[i]) / state[STIFFNESS]
+
+
+@inlined
+def note(number: int, step: float, sensors: Array, hands: Arrays) -> None:
+    """Records the contacts of all hands at work in the step `number`."""
+    wholes, states, plans, _, traces, xpos, xquat, _, _, qpos, _ = hands
+    for hand in range(len(wholes)):
+        whole, state = wholes[hand], states[hand]
+        at = number - whole[START]
+        if not whole[ACTIVE] or at < 0:
+            continue
+        found = min(int(sensors[whole[FELT]]), SLOTS)
+        force = drag = x = y = z = 0.0
+        for k in range(found):
+            slot = sensors[whole[FELT] + NUMBERS * k :]
+            force += slot[1]
+            drag += (slot[2] ** 2 + slot[3] ** 2) ** 0.5
+            x += slot[1] * slot[4]
+            y += slot[1] * slot[5]
+            z += slot[1] * slot[6]
+        time = number * step
+        if force > 0.0:
+            if not whole[HIT]:
+                whole[HIT] = 1
+                state[BEGUN] = time
+            state[LOST] = float("nan")
+            state[PEAK] = max(state[PEAK], force)
+        elif state[FORCE] > 0.0:
+            state[LOST] = time
+        state[FORCE] = force
+        link, joint = whole[LINK], whole[QPOS]
+        row = traces[hand * TRACE + whole[TRACED] % TRACE]
+        row[0], row[1], row[2], row[3] = time, plans[whole[FIRST] + at, ASKED], force, drag
+        back = (xquat[link, 0], -xquat[link, 1], -xquat[link, 2], -xquat[link, 3])
+        ox, oy, oz = xpos[link, 0], xpos[link, 1], xpos[link, 2]
+        size = max(force, 1e-12)
+        row[4], row[5], row[6] = _turned(back, x / size - ox, y / size - oy, z / size - oz)
+        row[7], row[8], row[9] = _turned(back, qpos[joint] - ox, qpos[joint + 1] - oy, qpos[joint + 2] - oz)
+        if not force > 0.0:
+            row[4] = row[5] = row[6] = float("nan")
+        whole[TRACED] += 1

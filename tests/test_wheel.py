@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -78,6 +79,17 @@ def test_the_sdist_makes_the_same_wheel(wheel: Path, tmp_path: Path) -> None:
         assert {name: one.read(name) for name in one.namelist()} == {
             name: other.read(name) for name in other.namelist()
         }
+
+
+@pytest.mark.xdist_group("wheel")
+def test_its_description_has_no_link_that_leads_nowhere_on_pypi(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as file:
+        (about,) = (name for name in file.namelist() if name.endswith(".dist-info/METADATA"))
+        text = file.read(about).decode().split("\n\n", 1)[1]
+    assert "Write a touch behaviour once" in text
+    links = re.findall(r"\]\(([^)]*)\)", text)
+    assert links
+    assert all(link.startswith("https://") for link in links)
 
 
 @pytest.mark.xdist_group("wheel")

@@ -35,6 +35,8 @@ def check_metadata(wheel: Path) -> set[str]:
         names = file.namelist()
         (about,) = (name for name in names if name.endswith(".dist-info/METADATA"))
         metadata = Metadata.from_email(file.read(about), validate=True)
+    if lost := re.findall(r"\]\((?!https?:)[^)]*\)", metadata.description or "]()"):
+        sys.exit(f"the description has links that lead nowhere on PyPI: {', '.join(lost)}")
     unknown = set(metadata.classifiers or ()) - classifiers
     if unknown or "tci/py.typed" not in names or "tci/robot/robots/nao/robot.xml" not in names:
         sys.exit(f"unknown classifiers {unknown}, or files are missing in {wheel.name}")

@@ -89,9 +89,17 @@ def test_a_fault_that_stops_the_robot_is_told_and_the_status_says_so() -> None:
 def test_a_part_that_is_held_is_told_to_go_back() -> None:
     told = json.loads(told_by(*POKED, "--fault", "stall@0.32", "--json"))
     assert told["worst"] == told["state"] == "run"
-    assert "clamped" in kinds(told)[kinds(told).index("FAULT") :]
+    assert "CONTACT" in kinds(told)[kinds(told).index("FAULT") :]
     assert "met something" in " ".join(event["words"] for event in told["events"])
-    assert {one["code"] for one in told["clamps"]} == {"CONTACT"}
+    assert ({one["code"] for one in told["went_back"]}, told["clamps"]) == ({"CONTACT"}, [])
+    (outcome,) = told["faults"]
+    assert (outcome["fault"], outcome["answer"]) == ("stall", "CONTACT")
+    assert outcome["after_s"] < 0.3
+    assert "met something" in outcome["why"]
+    last = " ".join(told_by(*POKED, "--fault", "stall@0.32").split())
+    assert last.endswith(
+        "a part met something and went back; see what is in its way, then order the motion again"
+    )
 
 
 def test_a_person_sees_what_happened_and_why_the_robot_holds() -> None:

@@ -438,7 +438,7 @@ def test_healthy_but_late_coarse_and_dirty_robots_meet_nothing(name: str, rate: 
         with RigidDriver(plant, settings=ANSWERS) as driver:
             result = run(driver, Waves(), duration=6.0)
         assert result.state is GateState.RUN, result
-        assert not [one for one in result.clamps if one.code is Code.CONTACT], result
+        assert not result.went_back, result
         assert result.moved, "a robot that stands still shows nothing"
 
 

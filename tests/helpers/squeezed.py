@@ -136,7 +136,7 @@ def squeeze(robot: Robot, one: Squeeze, *, settings: Any = None, dirt: Dirt | No
     result = run(driver, Reach(one), duration=LASTS, observe=see)
     force = plant.felt["person"]
     first = force.first
-    said = [str(notice) for notice in (*result.refusals, *result.clamps, *result.holds)]
+    said = [str(notice) for notice in (*result.refusals, *result.clamps, *result.holds, *result.went_back)]
     said += [str(result.reason)] if result.reason else []
     return Outcome(
         first, force.peak, 0.0 if first is None else force.at(first + 0.5),

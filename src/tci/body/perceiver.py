@@ -111,7 +111,7 @@ class Perceiver:
 
 def _ended(before: Contacts, after: Contacts) -> tuple[int, ...]:
     """Returns the identities of the contacts in `before` that are not in `after`."""
-    if before is after or before.identity.tobytes() == after.identity.tobytes():
+    if before.identity.tobytes() == after.identity.tobytes():
         return ()
     now = {*after.identity.tolist()}
     return tuple([one for one in before.identity.tolist() if one not in now])

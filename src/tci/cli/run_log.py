@@ -14,7 +14,7 @@ from tci.lab.faults.fault_injector import FaultInjector, FaultPlan
 from tci.lab.faults.fault_list import FAULTS
 from tci.lab.faults.injectors import INJECTORS
 from tci.messages import GenericCommand, Mode
-from tci.reasons import Reason, ReasonCounter
+from tci.reasons import Code, Reason, ReasonCounter
 from tci.runtime.loop import Tick
 
 MEANING = {
@@ -38,9 +38,9 @@ class Event:
     """Time [s] on the driver's clock."""
     kind: str
     """Kind of the event. Events of the skin are touch, and MASK for masked taxels. Events of commands are
-    command, refused and clamped. Events of the gate are HOLD, STOP, RUN and at rest. Events of injected
-    faults are FAULT and over. Events of the capability are NOTE, of whoever types at the terminal OPERATOR.
-    """
+    command, refused and clamped. Events of the gate are HOLD, STOP, RUN, CONTACT and at rest. Events of
+    injected faults are FAULT and over. Events of the capability are NOTE, of whoever types at the terminal
+    OPERATOR."""
     words: str
 
     def to_json(self) -> dict[str, Any]:
@@ -58,7 +58,7 @@ class RunLog:
         self.worst = GateState.RUN
         """Worst state of the gate since the start of the run. STOP is worse than HOLD, and HOLD is worse than
         RUN."""
-        self.refused, self.clamped = ReasonCounter(), ReasonCounter()
+        self.refused, self.clamped, self.went_back = ReasonCounter(), ReasonCounter(), ReasonCounter()
         self._driver, self._listen = driver, listen
         self._state: tuple[GateState, Reason | None] = (GateState.RUN, None)
         self._begun: list[tuple[float, FaultPlan]] = []
@@ -123,7 +123,7 @@ class RunLog:
         lines = []
         for begin, plan in self._begun:
             after = [event for event in self.events if round(event.now, 4) >= round(begin, 4)]
-            kinds = (("HOLD", "STOP"), ("MASK",))
+            kinds = (("HOLD", "STOP", "CONTACT"), ("MASK",))
             answers = [event for among in kinds for event in after if event.kind in among]
             first = answers[0] if answers else None
             lines.append(
@@ -164,7 +164,10 @@ class RunLog:
             if self.refused.add(reason, tick.now):
                 self.write(tick.now, "refused", reason.text)
         for clamp in tick.sent.clamped:
-            if self.clamped.add(clamp, tick.now):
+            if clamp.code is Code.CONTACT:
+                if self.went_back.add(clamp, tick.now):
+                    self.write(tick.now, "CONTACT", str(clamp))
+            elif self.clamped.add(clamp, tick.now):
                 self.write(tick.now, "clamped", str(clamp))
 
     def _command(self, now: float, command: GenericCommand) -> None:

@@ -18,6 +18,7 @@ from tci.drivers.replay import ReplayDriver
 from tci.lab.faults.injectors import INJECTORS
 from tci.messages.clock import MonotonicClock
 from tci.runtime.loop import Tick
+from tci.runtime.result import MET
 
 COLOURS = {
     "RUN": "green", "HOLD": "yellow", "STOP": "bold red", "touch": "blue", "command": "cyan",
@@ -59,7 +60,8 @@ def conclude(session: Session, *, filmed: bool) -> None:
     """Prints the summary of a run: repeated refusals and clamps, the outcome of each injected fault, and the
     statistics. `filmed` is True if a film was made; the computing time then includes the time for its
     pictures."""
-    for kind, reasons in (("refused", session.log.refused), ("clamped", session.log.clamped)):
+    log = session.log
+    for kind, reasons in (("refused", log.refused), ("clamped", log.clamped), ("CONTACT", log.went_back)):
         for notice in reasons.notices():
             if notice.count > 1:
                 console.print(_row("", kind, str(notice), "yellow"))
@@ -90,6 +92,8 @@ def conclude(session: Session, *, filmed: bool) -> None:
     )
     for line in _about_recordings(session):
         console.print(line, highlight=False)
+    if log.went_back.counts:
+        console.print(MET, style="yellow", highlight=False)
 
 
 def _periods(session: Session) -> str:

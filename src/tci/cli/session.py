@@ -149,6 +149,7 @@ class Session:
             "events": [event.to_json() for event in self.log.events],
             "refusals": [notice.to_json() for notice in self.log.refused.notices()],
             "clamps": [notice.to_json() for notice in self.log.clamped.notices()],
+            "went_back": [notice.to_json() for notice in self.log.went_back.notices()],
             "faults": self.log.outcome(),
             "gate": {"holds": counts.holds, "stops": counts.stops, "refusals": counts.refusals,
                      "clamps": dict(counts.clamps), "near_misses": counts.near_misses},

@@ -121,7 +121,7 @@ class SimulatedDriver(Driver):
         return Reading(joints=self.world.joints(), skin=skin)
 
     def _send(self, safe: SafeCommand) -> None:
-        if safe.modes is not self._modes:
+        if safe.modes != self._modes:
             self._modes, self._has_torque = safe.modes, Mode.TORQUE in safe.modes
         if safe.servos.size:
             self.world.set_modes(safe.servos, safe.modes)

@@ -90,7 +90,7 @@ class JointTouch:
         """Returns the contacts on the skin, with forces improved by the joint torques, and the contacts that
         are detected through joint torques alone."""
         fresh = self._reading is None or joints.stamp != self._reading.stamp
-        if not fresh and on_skin is self._on_skin:
+        if not fresh and _frames(on_skin) == _frames(self._on_skin):
             return self.contacts
         if fresh:
             self._residual = self._observer.step(joints)
@@ -162,6 +162,11 @@ class JointTouch:
         count = len(self.layout.sites)
         stamp, sequence = np.full(count, joints.stamp), np.full(count, joints.sequence, np.int64)
         return Contacts(self.layout.sites, stamp, sequence, *made)
+
+
+def _frames(contacts: Contacts) -> tuple[bytes, bytes]:
+    """The frames in which contacts were found; what was found in the same frames is equal."""
+    return contacts.stamp.tobytes(), contacts.sequence.tobytes()
 
 
 def _with_forces(contacts: Contacts, forces: Array) -> Contacts:

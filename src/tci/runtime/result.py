@@ -13,7 +13,7 @@ from tci.drivers.driver import Driver
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import Perception
 from tci.messages.frames import Array
-from tci.reasons import Notice, Reason, ReasonCounter, text_of
+from tci.reasons import Code, Notice, Reason, ReasonCounter, text_of
 from tci.runtime.loop_report import LoopReport
 
 MOVED = float(np.deg2rad(1.0))
@@ -22,6 +22,8 @@ turns a servo at rest by a smaller angle."""
 SHOWN = 6
 """Largest number of entries in each list (moved servos, refusals, clamps, holds) of the summary of a run.
 Assumed: users do not read longer lists."""
+MET = "a part met something and went back; see what is in its way, then order the motion again"
+"""Last words of a run in which a part went back. The robot did what it should, so the run is no failure."""
 
 Memory = TypeVar("Memory")
 _log = logging.getLogger("tci")
@@ -65,6 +67,8 @@ class RunResult(Generic[Memory]):
     holds: tuple[Notice, ...]
     """Reasons for which the gate held the robot, one notice per kind of reason. The `count` of a notice is
     the number of periods in which the gate held the robot for this reason."""
+    went_back: tuple[Notice, ...] = ()
+    """Parts that met something and went back (code CONTACT), one notice per kind of reason."""
     lacks: tuple[str, ...] = ()
     """What the robot lacks for the capability: `WithdrawalReflex: no skin on an arm of this robot`."""
     switches: tuple[str, ...] = ()
@@ -98,13 +102,18 @@ class RunResult(Generic[Memory]):
 
     def __repr__(self) -> str:
         lines = [self.summary]
-        for kind, notices in (("refused", self.refusals), ("clamped", self.clamps), ("held", self.holds)):
+        kinds = {
+            "refused": self.refusals, "clamped": self.clamps, "held": self.holds, "back": self.went_back
+        }  # fmt: skip
+        for kind, notices in kinds.items():
             lines += [f"{kind} {notice}" for notice in notices[:SHOWN]]
             if others := notices[SHOWN:]:
                 count = sum(notice.count for notice in others)
                 lines.append(f"{kind} {count} x for {len(others)} further reasons")
         if self.state is not GateState.RUN:
             lines.append(f"{self.state.name} at the end: {self.reason}")
+        if self.went_back:
+            lines.append(MET)
         return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
@@ -125,6 +134,7 @@ class RunResult(Generic[Memory]):
             "refusals": [notice.to_json() for notice in self.refusals],
             "clamps": [notice.to_json() for notice in self.clamps],
             "holds": [notice.to_json() for notice in self.holds],
+            "went_back": [notice.to_json() for notice in self.went_back],
             "loop": self.report.to_json(),
         }
 
@@ -138,12 +148,12 @@ class Account:
         self._driver, self._lacks = driver, lacks
         for words in lacks:
             _log.warning("%s: %s", driver.robot.name, words)
-        self._contacts: object = ()
         self._touched: dict[str, float] = {}
         self._low: Array | None = None
         self._high = np.zeros(0)
         self._accepted = 0
         self._refusals, self._clamps, self._holds = ReasonCounter(), ReasonCounter(), ReasonCounter()
+        self._went_back = ReasonCounter()
         self._stopped: Reason | None = None
 
     def add(self, seen: Perception | None, position: Array, sent: SafeCommand, *, opening: bool) -> None:
@@ -152,8 +162,7 @@ class Account:
         orders in `sent` are the capability's first orders (`begin`).
         """
         if seen is not None:
-            if seen.contacts is not self._contacts:
-                self._touch(seen)
+            self._touch(seen)
             if self._low is None:
                 self._low, self._high = position.copy(), position.copy()
             np.fmin(self._low, position, out=self._low)
@@ -163,7 +172,10 @@ class Account:
         for refusal in sent.refusals:
             self._note(self._refusals, "refused", refusal, sent.stamp)
         for clamp in sent.clamped:
-            self._note(self._clamps, "clamped", clamp, sent.stamp)
+            if clamp.code is Code.CONTACT:
+                self._note(self._went_back, "back", clamp, sent.stamp)
+            else:
+                self._note(self._clamps, "clamped", clamp, sent.stamp)
         if sent.state is GateState.HOLD and sent.reason is not None:
             self._note(self._holds, "held", sent.reason, sent.stamp)
         elif sent.state is GateState.STOP:
@@ -186,12 +198,12 @@ class Account:
             refusals=self._refusals.notices(),
             clamps=self._clamps.notices(),
             holds=self._holds.notices(),
+            went_back=self._went_back.notices(),
             lacks=self._lacks,
             switches=tuple(name for name in self._touched if self._driver.robot.patch(name).sensor.switch),
         )
 
     def _touch(self, seen: Perception) -> None:
-        self._contacts = seen.contacts
         if not seen.contacts:
             return
         table = seen.contacts
@@ -212,6 +224,6 @@ class Account:
             _log.warning("%s at %.3f s, %s: %s", self._driver.robot.name, now, kind, reason)
 
     def _stop(self, reason: Reason | None, now: float) -> None:
-        if reason is not self._stopped:
+        if reason != self._stopped:
             self._stopped = reason
             _log.error("%s at %.3f s, stopped until it is reset: %s", self._driver.robot.name, now, reason)

@@ -100,7 +100,6 @@ class SkinWatchdog:
         least = max(stale_after, LEAST_SILENCE, PERIODS * (keep_alive or 0.0))
         self._longest = {patch.name: max(PERIODS / patch.rate, least) for patch in robot.patches}
         self._last_frames: dict[str, tuple[int, float]] = {}
-        self._skin: object = None
         self._soonest, self._quiet = np.inf, ""
         self._torques = TorqueWatchdog(robot, stale_after=stale_after)
 
@@ -109,12 +108,12 @@ class SkinWatchdog:
         of a part have reported no new torques for too long. Otherwise returns None. `now` [s] is the present
         time.
         """
-        if reading.skin is not self._skin:
-            self._skin = reading.skin
-            for frame in reading.skin:
-                before = self._last_frames.get(frame.patch)
-                if before is None or before[0] != frame.sequence:
-                    self._last_frames[frame.patch] = frame.sequence, now
+        fresh = False
+        for frame in reading.skin:
+            before = self._last_frames.get(frame.patch)
+            if before is None or before[0] != frame.sequence:
+                self._last_frames[frame.patch], fresh = (frame.sequence, now), True
+        if fresh:
             self._soonest, self._quiet = min(
                 (
                     (arrival + self._longest.get(patch, np.inf), patch)

@@ -120,8 +120,8 @@ class Servos:
         self.state[at.ADVANCE] = 0.0
         self._torques[:] = 0.0
         self.modes = (Mode.POSITION,) * len(self._home)
-        """Control mode of each servo (n,). The tuple is the same object until a mode changes."""
-        self._switched: tuple[object, object, object] = None, None, None
+        """Control mode of each servo (n,)."""
+        self._told: tuple[bytes, tuple[Mode, ...], tuple[Mode, ...]] = b"", (), ()
         self.powered = read_only(np.ones(len(self._home)), np.bool_)
         """True (n,) for each servo that is on."""
         self._apply_gains()
@@ -166,9 +166,8 @@ class Servos:
         Raises CommandError for an invalid servo.
         """
         now = self.modes
-        fixed = isinstance(servos, np.ndarray) and not servos.flags.writeable and servos.base is None
-        fixed = fixed and isinstance(modes, tuple)
-        if fixed and servos is self._switched[1] and modes is self._switched[2] and now is self._switched[0]:
+        told = np.asarray(servos).tobytes(), tuple(modes)
+        if (*told, now) == self._told:
             return  # commands that are sent in every period repeat their modes
         index, _ = _checked(servos, np.zeros(len(modes)), len(self._home))
         changes = [(s, mode) for s, mode in zip(index.tolist(), modes, strict=True) if mode is not now[s]]
@@ -181,7 +180,7 @@ class Servos:
         if changes:
             self.modes = tuple(after)
             self._apply_gains()
-        self._switched = (self.modes, servos, modes) if fixed else (None, None, None)
+        self._told = *told, self.modes
 
     def set_torques(self, servos: ArrayLike, torque: ArrayLike) -> None:
         """Sets torques (k,) [N m] of servos in torque mode, limited to the motor's limit.

@@ -415,6 +415,16 @@ def test_a_clamped_person_is_freed(name: str, seed: int) -> None:
     assert after.state == "RUN"
 
 
+def test_going_back_from_one_person_the_arm_does_not_stay_pressed_against_another() -> None:
+    """Without a look at the way back, 200 N were left on the second after half a second, 39 N after two."""
+    robot = load_robot("icub")
+    after = squeeze(robot, draw(robot, 0), settings=ANSWERS, behind=0.02)
+    _, half, late = after.other
+    assert after.other[0] > 1.0, "the second must be met"
+    assert max(after.half, half) <= 65.0
+    assert max(after.late, late) <= 15.0
+
+
 class Waves(Capability[int]):
     """Moves both arms at full speed to random postures."""
 

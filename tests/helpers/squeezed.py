@@ -16,7 +16,7 @@ from tci.messages.frames import Array
 from tci.robot.description import Robot
 from tci.runtime.loop import run
 
-LASTS = 3.2
+LASTS = 3.4
 """Length of a trial [s]: the longest way to the person and 2 s of contact."""
 
 
@@ -58,6 +58,8 @@ class Outcome:
     said: tuple[str, ...]
     felt: bool
     """Skin felt it."""
+    other: tuple[float, float, float]
+    """Peak, and forces [N] 0.5 s and 2 s after its own first contact, on whoever stands behind."""
 
 
 class Reach(Capability[bool]):
@@ -123,15 +125,25 @@ def _try(robot: Robot, seed: int, random: np.random.Generator, mode: Mode, part:
     return one
 
 
-def squeeze(robot: Robot, one: Squeeze, *, settings: Any = None, dirt: Dirt | None = None) -> Outcome:
-    """Runs a trial."""
+def squeeze(
+    robot: Robot,
+    one: Squeeze,
+    *,
+    settings: Any = None,
+    dirt: Dirt | None = None,
+    behind: float | None = None,
+) -> Outcome:
+    """Runs a trial. A second person, as stiff, steps `behind` [m] behind the link when the first is met."""
     plant = _plant(robot, one, dirt)
     plant.place("person", one.at)
     driver = RigidDriver(plant, settings=settings)
-    felt = [False]
+    felt, there = [False], [False]
 
     def see(tick: Any) -> None:
         felt[0] |= bool(len(tick.perception.contacts))
+        if behind is not None and not there[0] and plant.felt["person"].first is not None:
+            there[0] = True
+            plant.place("second", _behind(robot, plant, one, behind))
 
     result = run(driver, Reach(one), duration=LASTS, observe=see)
     force = plant.felt["person"]
@@ -141,8 +153,32 @@ def squeeze(robot: Robot, one: Squeeze, *, settings: Any = None, dirt: Dirt | No
     return Outcome(
         first, force.peak, 0.0 if first is None else force.at(first + 0.5),
         0.0 if first is None else force.at(first + 2.0), force.above(65.0), result.state.name,
-        tuple(said), felt[0],
+        tuple(said), felt[0], _on_second(plant),
     )  # fmt: skip
+
+
+def _behind(robot: Robot, plant: RigidRobot, one: Squeeze, room: float) -> Array:
+    """Place of the second person's middle: on the far side of the link that meets the first, with `room` [m]
+    to every link of the part."""
+    poses = {name: plant.link_pose(name) for name in _links(robot, plant, one.part)}
+    world = np.concatenate([p + _vertices(plant, name) @ r.T for name, (p, r) in poses.items()])
+    position, rotation = poses[one.link]
+    ahead = one.at - (position + rotation @ one.point)
+    ahead /= np.linalg.norm(ahead)
+    place: Array = one.at.copy()
+    while np.linalg.norm(world - place, axis=1).min() < 0.03 + room or ((world - place) @ ahead < 0.0).all():
+        place -= 1e-3 * ahead
+    return place
+
+
+def _on_second(plant: RigidRobot) -> tuple[float, float, float]:
+    force = plant.felt["second"]
+    first = force.first
+    return (
+        (force.peak, 0.0, 0.0)
+        if first is None
+        else (force.peak, force.at(first + 0.5), force.at(first + 2.0))
+    )
 
 
 def _posture(robot: Robot, part: str, random: np.random.Generator) -> Array:
@@ -167,8 +203,8 @@ def _plant(robot: Robot, one: Squeeze, dirt: Dirt | None) -> RigidRobot:
     low = np.array([-np.inf if (x := robot.servos[s].limits.lower) is None else x for s in own.servos])
     high = np.array([np.inf if (x := robot.servos[s].limits.upper) is None else x for s in own.servos])
     angles[own.servos] = np.clip(own.values, low + 1e-3, high - 1e-3)
-    person = Person("person", one.stiffness)
-    return RigidRobot(robot, people=[person], dirt=dirt, seed=one.seed, angles=angles, rate=one.rate)
+    people = [Person(name, one.stiffness) for name in ("person", "second")]
+    return RigidRobot(robot, people=people, dirt=dirt, seed=one.seed, angles=angles, rate=one.rate)
 
 
 def _path(robot: Robot, one: Squeeze) -> tuple[RigidRobot, list[dict[str, tuple[Array, Array]]]]:

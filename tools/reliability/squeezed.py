@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
 from pool import gather
 from row import Row
 
@@ -20,7 +21,8 @@ that may be left after 2 s on skin and on bare links. ISO/TS 15066's least quasi
 
 
 def squeezed(full: bool) -> Row:
-    """Only trials count in which the person is still squeezed after 2 s when the gate does not answer."""
+    """Only trials count in which the person is still squeezed after 2 s when the gate does not answer. In a
+    third of them a second person stands up to 20 mm behind the link."""
     modes = ("position", "velocity", "impedance") if full else ("position",)
     jobs = [(name, mode, seed) for seed in range(300 if full else 3) for name in ROBOTS for mode in modes]
     done = [one for one in gather("squeezed", _one, jobs, full=full) if one["counts"]]
@@ -46,13 +48,14 @@ def _one(name: str, mode: str, seed: int) -> dict[str, Any]:
     most = FELT if before.felt else BARE
     if before.late <= most:
         return {"robot": name, "counts": False}
-    after = squeeze(robot, trial)
+    behind = float(np.random.default_rng(seed).uniform(0.0, 0.02)) if seed % 3 == 2 else None
+    after = squeeze(robot, trial, behind=behind)
     faults = [
         what
         for what, wrong in (
-            ("0.5 s", after.half > STIFF),
+            ("0.5 s", max(after.half, after.other[1]) > STIFF),
             ("long", after.over > LONG),
-            ("2 s", after.late > (FELT if after.felt else BARE)),
+            ("2 s", max(after.late, after.other[2]) > (FELT if after.felt else BARE)),
         )
         if wrong
     ]

@@ -132,6 +132,10 @@ class _Group:
     """Somebody presses the resting part, and its reference follows."""
     slow: bool = False
     """It is freed on an operator's word."""
+    first: frozenset[int] = frozenset()
+    """Contacts from which it goes back."""
+    behind: int = 0
+    """Successive readings in which a joint is held on its way back."""
 
 
 class _Seen(NamedTuple):
@@ -314,6 +318,7 @@ class ContactReaction:
             goal = position[group.servos].copy()
         else:
             goal = self._references(group, seen.reference, position)
+        group.first = frozenset(seen.felt.contacts)
         self._begin(group, goal, freed=group.slow)
         return goal, Reason(Code.CONTACT, f"{group.name} met something: {what}; it {DOES[group.answer]}")
 
@@ -359,11 +364,14 @@ class ContactReaction:
         yield Met(group.name, seen.felt.force, joint, seen.error if held else 0.0, answer)
 
     def _judge(self, group: _Group, seen: _Seen) -> Array | None:
-        """After a way back: where to go next, or None."""
+        """On a way back, and after it: where to go next, or None."""
         mine = np.isin(seen.reference.servos, seen.own)
         if (np.abs(seen.reference.velocity[mine]) > 1e-6).any():
             group.since = np.inf
-            return None
+            if not self._meets_another(group, seen):
+                return None
+            group.path.clear()
+            return self._go(group, seen.joints.position[group.servos].copy())
         group.since = min(group.since, self._now)
         if self._now - group.since < SETTLES:
             return None
@@ -384,6 +392,18 @@ class ContactReaction:
             group.goal, group.slow = None, False
             group.path.clear()
         return None
+
+    def _meets_another(self, group: _Group, seen: _Seen) -> bool:
+        """True if a way back loads somebody else: with more than the first still bears, or so that a joint is
+        held where it goes."""
+        assert group.goal is not None
+        where = seen.reference.servos == seen.worst
+        way = group.goal[group.servos == seen.worst] - seen.reference.position[where]
+        goes = float(seen.reference.velocity[where][0])
+        ahead = goes * self._side[seen.worst] > 0.0 and goes * float(way[0]) > 0.0  # not while it brakes
+        group.behind = group.behind + 1 if ahead and seen.error > self._settings.held else 0
+        first, another = seen.felt.other_than(group.first)
+        return group.behind >= 2 or another > max(self._settings.felt, first)
 
     def _go(self, group: _Group, goal: Array) -> Array:
         group.goal, group.since, group.free = goal, np.inf, None
@@ -437,7 +457,7 @@ class ContactReaction:
 
     def _begin(self, group: _Group, goal: Array, *, freed: bool) -> None:
         self._go(group, goal)
-        group.outside, group.soft = 0, False
+        group.outside, group.behind, group.soft = 0, 0, False
         if freed:
             return
         group.reactions.append(self._now)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from tci.messages import Contact, Contacts
 
@@ -20,6 +20,13 @@ class Felt:
     """Largest force [N]."""
     made: float = 0.0
     """Largest force [N] of contacts that the group's own motion made or raised."""
+    contacts: Mapping[int, float] = field(default_factory=dict)
+    """Force [N] of each contact, by its identity."""
+
+    def other_than(self, first: Collection[int]) -> tuple[float, float]:
+        """Largest force [N] of the contacts in `first`, and of all others."""
+        mine = max((force for one, force in self.contacts.items() if one in first), default=0.0)
+        return mine, max((force for one, force in self.contacts.items() if one not in first), default=0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +54,8 @@ class FeltForces:
         for contact, group in self._pairs(contacts):
             made = contact.force if group in self._known[contact.identity].made_by else 0.0
             before = found.get(group, Felt())
-            found[group] = Felt(max(before.force, contact.force), max(before.made, made))
+            all_of_it = {**before.contacts, contact.identity: contact.force}
+            found[group] = Felt(max(before.force, contact.force), max(before.made, made), all_of_it)
         return found
 
     def _pairs(self, contacts: Contacts) -> Iterator[tuple[Contact, int]]:

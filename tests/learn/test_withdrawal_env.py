@@ -163,7 +163,7 @@ def test_taxels_and_contacts_have_the_declared_shapes() -> None:
 @pytest.mark.parametrize(
     "options",
     [
-        {"mode": "torque"}, {"touch": "forces"}, {"part": "head"}, {"pain": 0.0}, {"render_mode": "human"},
+        {"mode": "torque"}, {"touch": "forces"}, {"part": "torso"}, {"pain": 0.0}, {"render_mode": "human"},
         {"period": 0.0}, {"duration": float("nan")},
     ],
 )  # fmt: skip

@@ -138,6 +138,9 @@ def _print_proof(proof: Proof) -> None:
             highlight=False,
         )
     answered = sum(trial.responded for trial in proof.trials)
+    if proof.without_skin:
+        bare = ", ".join(proof.without_skin)
+        console.print(f"  note: no skin on {bare}: no touch was tried there", style="yellow", highlight=False)
     console.print(f"reflexes: {answered} of {len(proof.trials)} pokes answered", highlight=False)
     moved = sum(patch.answered for patch in proof.patches)
     console.print(f"skin: {moved} of {len(proof.patches)} patches moved away from a poke in their middle")

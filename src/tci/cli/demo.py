@@ -15,7 +15,7 @@ from rich import box
 from rich.markup import escape
 
 from tci.cli import completion
-from tci.cli.console import console, print_json
+from tci.cli.console import console, print_json, told_here
 from tci.cli.guide import next_command
 from tci.cli.options import AsJson, Faults, SomeRobots
 from tci.cli.robots import load_robots
@@ -123,10 +123,12 @@ def _run_trials(
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+    from tci.capabilities.capability import lacks
     from tci.capabilities.withdrawal import WithdrawalReflex
+    from tci.cli.bare import tell_bare, tell_lacks
     from tci.drivers.combined_server import JOIN
     from tci.lab.authoring.dense_skin import with_skin_rate
-    from tci.lab.experiments.experiment import SIDES, run_experiment
+    from tci.lab.experiments.experiment import run_experiment, trial_places
     from tci.lab.experiments.pictures import draw_demo
     from tci.lab.experiments.remote_trial import try_server
 
@@ -140,30 +142,45 @@ def _run_trials(
     reflex = WithdrawalReflex(mode=_mode(mode))
     out.mkdir(parents=True, exist_ok=True)
     columns = (TextColumn("{task.description:<44}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, disable=as_json) as progress:
-        task = progress.add_task(
-            "building the worlds", total=len(robots) * len(SIDES) * len(reflex.fields) + 1
-        )
+    with told_here(), Progress(*columns, console=console, disable=as_json) as progress:
+        total = sum(len(trial_places(robot, reflex)) for robot in robots)
+        task = progress.add_task("building the worlds", total=total + 1)
 
         def advance(trial: Trial) -> None:
-            what = f"poked {trial.robot}, {trial.side} {trial.site.replace('_', ' ')}"
+            what = f"poked {trial.robot}, {trial.part.replace('_', ' ')}, {trial.site.replace('_', ' ')}"
             progress.update(task, advance=1, description=what)
 
         report = run_experiment(robots, reflex, seed=seed, via=via, progress=advance)
         progress.update(task, description="drawing the picture")
         picture = out / "demo.png"
-        draw_demo(robots, reflex, picture, seed=seed)
+        drawn = draw_demo(robots, reflex, picture, seed=seed)
         progress.update(task, advance=1, description="done")
     path = out / "report.json"
     path.write_text(json.dumps(report.to_json(), indent=2, allow_nan=False) + "\n")
+    answered = sum(trial.responded for trial in report.trials)
     if as_json:
         print_json(report.to_json())
+    else:
+        if report.trials:
+            console.print(_table(report, mode))
+        if report.same_touch:
+            console.print(_touches(report.same_touch))
+        _summary(report, robots)
+        for robot in robots:
+            tell_bare(robot)
+            if missing := lacks(reflex, robot):
+                tell_lacks("withdrawal", missing, robot)
+        pictured = f"picture {picture}" if drawn else "no picture: there is no skin to poke"
+        console.print(f"{pictured}\nreport  {path}", highlight=False, markup=False)
+    if via is not None and not answered and not all(lacks(reflex, robot) for robot in robots):
+        raise CommandError(
+            f"no poke was answered over {via}; to compare, within one process: tci demo "
+            f"{' '.join(robot.name for robot in robots)}"
+        )
+    if as_json:
         return
-    console.print(_table(report, mode))
-    console.print(_touches(report.same_touch))
-    _summary(report, robots)
-    console.print(f"picture {picture}\nreport  {path}", highlight=False, markup=False)
-    if not headless and sys.stdout.isatty() and (os.environ.get("DISPLAY") or sys.platform != "linux"):
+    screen = sys.stdout.isatty() and (os.environ.get("DISPLAY") or sys.platform != "linux")
+    if drawn and screen and not headless:
         typer.launch(str(picture))
 
 
@@ -195,12 +212,12 @@ def _table(report: Report, mode: str) -> Table:
     for name in ("command\nms", "motion\nms", "lost\nms", "peak\nN", "CoP\nmm", "away\nmm", "without\nmm",
                  "limits\nbroken"):  # fmt: skip
         table.add_column(name, justify="right", no_wrap=True)
-    arm = ("", "")
+    begun = ("", "")
     for trial in report.trials:
-        if (trial.robot, trial.side) != arm:
-            arm = (trial.robot, trial.side)
+        if (trial.robot, trial.part) != begun:
+            begun = (trial.robot, trial.part)
             table.add_section()
-            table.add_row(f"[bold]{trial.robot}, {trial.side} arm[/]")
+            table.add_row(f"[bold]{trial.robot}, {trial.part.replace('_', ' ')}[/]")
         table.add_row(
             f"  {trial.site.replace('_', ' ')}",
             _number(trial.trigger_ms),
@@ -257,14 +274,14 @@ def _summary(report: Report, robots: Sequence[Robot]) -> None:
     console.print(
         f"{responded} of {len(trials)} pokes answered by the reflex; the arm left the finger in {lost}"
     )
-    if len(robots) > 1:
-        same = report.same_stimulus
+    same, names = report.same_stimulus, [robot.name for robot in robots if robot.name in report.compared]
+    if len(names) > 1:
         console.print(
-            f"identical touches on {' and '.join(robot.name for robot in robots)}: generic motions differ by "
+            f"identical touches on {' and '.join(names)}: generic motions differ by "
             f"{same.max_generic_difference_rad:.0e} rad, directions of the hands by at most "
             f"{max(same.hand_direction_deg.values()):.1f} degrees relative to the shoulder, "
             f"{max(same.hand_direction_torso_deg.values()):.1f} degrees relative to the torso"
         )
     for trial in trials:
         for what in (*trial.violations, *trial.halts):
-            console.print(f"[red]{trial.robot} {trial.side} {trial.site}: {escape(what)}[/]")
+            console.print(f"[red]{trial.robot} {trial.part} {trial.site}: {escape(what)}[/]")

@@ -128,13 +128,14 @@ def run_capability(
         missing = lacks(capability, driver.robot)
         if missing and not as_json:
             tell_lacks(name, missing, driver.robot)
+        poked = ""
         if poke:
             poked = sessions.poke_skin(driver, capability)
             if not as_json:
                 words = f"pokes {poked}" if poked else f"finds no skin on {driver.robot.name} to poke"
                 console.print(f"the simulated finger {words}", style="dim")
                 tell_bare(driver.robot)
-        filmed = _film(driver, film, quiet=as_json) if film is not None else None
+        filmed = _film(driver, film, poked, quiet=as_json) if film is not None else None
 
         operator = Operator(driver.gate)
 
@@ -176,9 +177,9 @@ def run_capability(
         raise SystemExit(1)
 
 
-def _film(driver: Driver, path: Path, *, quiet: bool) -> Film:
-    """Starts to film the left arm of a simulated robot. Unless `quiet`, prints how long the drawing takes.
-    Raises CommandError if the robot is not simulated."""
+def _film(driver: Driver, path: Path, patch: str, *, quiet: bool) -> Film:
+    """Starts to film the part with the poked `patch`, by default the left arm, of a simulated robot. Unless
+    `quiet`, prints how long the drawing takes. Raises CommandError if the robot is not simulated."""
     from tci.capabilities.fields import default_fields
     from tci.drivers.simulated import SimulatedDriver
     from tci.lab.pictures.film import EVERY, Film
@@ -190,4 +191,7 @@ def _film(driver: Driver, path: Path, *, quiet: bool) -> Film:
             f"the film has {round(1.0 / EVERY)} pictures per second of the run, each in 1 to 3 s of drawing",
             style="dim",
         )
-    return Film(driver.world, path, fields=default_fields(), part="left_arm")
+    robot = driver.robot
+    arms = [part.name for part in robot.parts if part.kind == "arm"] or [robot.parts[0].name]
+    part = robot.patch(patch).part if patch else arms[0]
+    return Film(driver.world, path, fields=default_fields(), part=part)

@@ -7,6 +7,7 @@ reward.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
 from typing import Any, Literal, Protocol
@@ -15,16 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.body.generic_body import GenericBody
-from tci.body.places import find_place
+from tci.body.places import Place
+from tci.body.touchable import Touchable, touchable, without_skin
 from tci.capabilities.fields import default_fields
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
-from tci.messages import GenericCommand, Mode, Perception, Reading, SwitchMode
+from tci.messages import GenericCommand, LimbPlace, Mode, Perception, Reading, SwitchMode
 from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.robot.description import GenericPart, Robot
 from tci.robot.generic_arm import SEGMENTS
 from tci.runtime.control import Control
+from tci.simulation.poke_first import poke_first
 from tci.simulation.world import World
 from tci.support.installed import needs
 
@@ -36,9 +39,9 @@ with needs("the environment tci/Withdrawal-v0", "gym"):
 CONTACTS = 4
 """Number of contacts in an observation. The strongest contact is the first."""
 CONTACT = 7
-"""Number of values per contact. The values are: 1 on the forearm and 0 on the upper arm, u, sine of theta,
-cosine of theta, force [N], force [N] of the contact's strongest taxel, area [cm2]. All values are 0 in unused
-rows."""
+"""Number of values per contact. The values are: 1 on the forearm, 0 on the upper arm, -1 elsewhere; u, sine
+of theta, cosine of theta (0 elsewhere), force [N], force [N] of the contact's strongest taxel, area [cm2].
+All values are 0 in unused rows."""
 PAIN = 400e3
 """Pressure [Pa] that counts as pain. Assumed: the order of magnitude that algometers measure on arms. Behrens
 et al. 2022 (doi:10.3389/frobt.2021.667818) list thresholds for several points of the body and several
@@ -56,6 +59,8 @@ FORCE = 100.0
 CAMERA = "tci.lab.pictures.portrait:world_camera"
 """Camera of the environment, named as Gymnasium names an environment: the pictures are a tool above this
 package."""
+
+_log = logging.getLogger("tci")
 
 Observation = dict[str, NDArray[np.float64]]
 
@@ -93,7 +98,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         self,
         robot: str | Robot = "nao",
         *,
-        part: str = "left_arm",
+        part: str | None = None,
         mode: str = "position",
         touch: Literal["contacts", "taxels"] = "contacts",
         period: float = 0.02,
@@ -107,8 +112,9 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
     ) -> None:
         """Creates the environment.
 
-        `robot` is the name or description of a robot, and `part` an arm with skin. `period` [s] is the length
-        of one step, `rate` [Hz] the rate of commands to the robot, `step` [s] the step of the physics
+        `robot` is the name or description of a robot, and `part` a part with skin; None for the left arm, or
+        where it has none the next arm or part that has; arms without skin are logged. `period` [s] is the
+        length of one step, `rate` [Hz] the rate of commands to the robot, `step` [s] the step of the physics
         simulation, and `noise` [counts] the noise of the skin. `camera` makes the pictures of `render`: a
         `Camera`, or its place as `module:name`, which is loaded when pictures are asked for. The default rate
         is the frame rate of NAO's arm skin, since a new touch can't be detected between two frames. Raises
@@ -127,12 +133,17 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             if not 0.0 < value < np.inf:
                 raise TciError(f"{name} {value}; valid: above 0 and finite")
         self.robot = load_robot(robot) if isinstance(robot, str) else robot
-        self.part = self.robot.part(part)
-        limbs = [patch for patch in self.robot.patches if patch.segment in SEGMENTS]
-        self.patches = [patch.name for patch in limbs if patch.part == part]
+        self.part = self.robot.part(part or _felt_part(self.robot))
+        own = [patch for patch in self.robot.patches if patch.part == self.part.name]
+        limbs = [patch for patch in own if patch.segment in SEGMENTS]
+        self.patches = [patch.name for patch in limbs or own]
         if not self.patches:
-            valid = ", ".join(dict.fromkeys(patch.part for patch in limbs))
-            raise TciError(f"{self.robot.name} has no arm {part} with skin; valid: {valid}")
+            valid = ", ".join(dict.fromkeys(patch.part for patch in self.robot.patches))
+            raise TciError(f"{self.robot.name} has no skin on {self.part.name}; valid: {valid or 'no part'}")
+        self.without_skin = without_skin(self.robot)
+        """Parts of the robot on which no touch is felt."""
+        if any(" of " in bare or self.robot.part(bare).kind == "arm" for bare in self.without_skin):
+            _log.warning("%s has no skin on %s", self.robot.name, ", ".join(self.without_skin))
         self._own = [number for number, one in enumerate(self.robot.patches) if one.name in self.patches]
         self.render_mode = render_mode
         self._camera = camera
@@ -147,7 +158,9 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         self.body = GenericBody(self.robot)
         self._rate = rate
         self.world = World(self.robot, step=step, noise=noise, period=1.0 / rate)
-        self._sites = default_fields()
+        here, fields = self.world.joints(), default_fields()
+        felt_at = touchable(self.body.skin, here, [one.place for one in fields], parts=(self.part.name,))
+        self._sites = [fields[one.site] for one in felt_at if one.site is not None]
         self._picture: Callable[[Reading], NDArray[np.uint8]] | None = None
         low, high = generic_limits(self.robot, self.part)
         if self.mode is Mode.VELOCITY:
@@ -229,23 +242,25 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         """Does nothing, because the world uses no resources except memory."""
 
     def _poke(self) -> None:
-        """Pokes a point near the centre of a random receptive field of the reflex."""
+        """Pokes a point near the centre of a random receptive field of the reflex, or where the part has no
+        such field, a random taxel."""
         self._poked = True
-        site = self._sites[int(self.np_random.integers(len(self._sites)))]
-        u = float(np.clip(site.u + self.np_random.normal(0.0, 0.05), 0.1, 0.9))
-        theta = site.theta + self.np_random.normal(0.0, 0.3)
-        speed, depth = self.np_random.uniform(*SPEED), self.np_random.uniform(*DEPTH)
-        try:
-            place = find_place(
-                self.body.skin, self.part.name, site.segment, u, theta, self.driver.read().joints
-            )
-            self.world.finger.poke(place.patch, place.p_L, place.n_L, speed=speed, depth=depth)
-        # no skin or no room for the finger at that point: the centre of the field is poked instead
-        except TciError:
-            place = find_place(
-                self.body.skin, self.part.name, site.segment, site.u, site.theta, self.driver.read().joints
-            )
-            self.world.finger.poke(place.patch, place.p_L, place.n_L, speed=speed, depth=depth)
+        skin, name, joints, chance = self.body.skin, self.part.name, self.driver.read().joints, self.np_random
+        places: list[Touchable] = []
+        if self._sites:
+            site = self._sites[int(chance.integers(len(self._sites)))]
+            u = float(np.clip(site.u + chance.normal(0.0, 0.05), 0.1, 0.9))
+            near = LimbPlace(site.segment, u, site.theta + chance.normal(0.0, 0.3))
+            # without skin or room for the finger there, the centre of the field is poked instead
+            places += touchable(skin, joints, [near, site.place], parts=(name,))
+        else:
+            patch = self.patches[int(chance.integers(len(self.patches)))]
+            surface = skin.surfaces[patch]
+            taxel = int(chance.integers(len(surface.positions)))
+            place = Place(patch, surface.positions[taxel], surface.normals[taxel])
+            places += [Touchable(name, place), *touchable(skin, joints, parts=(name,))]
+        speed, depth = chance.uniform(*SPEED), chance.uniform(*DEPTH)
+        poke_first(self.world, places, speed=speed, depth=depth)
 
     def _look(self) -> Perception:
         moment = self._control.observe()
@@ -285,14 +300,14 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         rows = np.zeros((CONTACTS, CONTACT))
         if not len(seen.contacts):
             return rows
-        own = [c for c in seen.contacts if c.part == self.part.name and c.segment in SEGMENTS]
+        own = [c for c in seen.contacts if c.patch in self.patches]
         own.sort(key=lambda contact: -contact.force)
         for row, contact in zip(rows, own, strict=False):
-            sin, cos = math.sin(contact.theta), math.cos(contact.theta)
-            row[:] = (
-                contact.segment == "forearm", contact.u, sin, cos, contact.force, contact.peak,
-                1e4 * contact.area,
-            )  # fmt: skip
+            place = -1.0, 0.0, 0.0, 0.0
+            if contact.segment in SEGMENTS:
+                sin, cos = math.sin(contact.theta), math.cos(contact.theta)
+                place = float(contact.segment == "forearm"), contact.u, sin, cos
+            row[:] = *place, contact.force, contact.peak, 1e4 * contact.area
         return rows
 
     def _taxels(self, seen: Perception) -> Array:
@@ -301,6 +316,15 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         return np.concatenate(
             [skin.on(p) * surfaces[name].areas for p, name in zip(self._own, self.patches, strict=True)]
         )
+
+
+def _felt_part(robot: Robot) -> str:
+    """The part that an episode pokes: a part with joints and skin, an arm in its sleeve first."""
+    limbs = {patch.part for patch in robot.patches if patch.segment in SEGMENTS}
+    worn = {patch.part for patch in robot.patches}
+    able = [part for part in robot.parts if any(joint.servo is not None for joint in part.servos)]
+    best = sorted(able, key=lambda part: (part.name not in limbs, part.kind != "arm", part.side == "right"))
+    return next((part.name for part in best if part.name in worn), "left_arm")
 
 
 def generic_limits(robot: Robot, part: GenericPart) -> tuple[Array, Array]:

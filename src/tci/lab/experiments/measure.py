@@ -26,6 +26,8 @@ class Trial:
     """One row of the report. All times are relative to the first contact."""
 
     robot: str
+    part: str
+    """Generic part that the finger poked."""
     side: str
     site: str
     taxels: int
@@ -78,6 +80,7 @@ def measure(robot: Robot, part: str, site: str, acted: Trace, held: Trace) -> Tr
         halts |= dict.fromkeys(f"{sent.state.value}: {sent.reason}" for sent in trace.sent if sent.reason)
     return Trial(
         robot=robot.name,
+        part=part,
         side=robot.part(part).side or "",
         site=site,
         taxels=acted.taxels,

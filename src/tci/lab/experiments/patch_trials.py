@@ -8,9 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from tci.body.places import Place
+from tci.body.touchable import middle_of
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.errors import TciError
@@ -19,6 +17,7 @@ from tci.lab.experiments.measure import measure
 from tci.lab.experiments.poke import Stimulus, poke_place
 from tci.robot.description import Robot
 from tci.simulation.world import World
+from tci.skin.skin import Skin
 
 PRESSED = 0.1
 """Force [N] by which the peak force with the reflex may exceed the peak force without the reflex. Assumed:
@@ -59,12 +58,9 @@ def patch_trials_of(
 
     `arms` is the reflex of arms, and `others` the reflex of all other parts. Yields one trial per patch.
     """
-    world = World(robot, seed=seed)
+    world, skin = World(robot, seed=seed), Skin(robot)
     for patch in robot.patches:
-        surface = world.surfaces[patch.name]
-        middle = (surface.positions.min(axis=0) + surface.positions.max(axis=0)) / 2.0
-        taxel = int(np.linalg.norm(surface.positions - middle, axis=1).argmin())
-        place = Place(patch.name, surface.positions[taxel], surface.normals[taxel])
+        place = middle_of(skin, patch.name)
         is_arm = robot.part(patch.part).kind == "arm"
         reflex, without = (arms, replace(arms, fields=())) if is_arm else (others, deaf(others))
         try:

@@ -1,4 +1,4 @@
-"""Draws the figure of the demo: two pokes of each robot's left forearm.
+"""Draws the figure of the demo: two pokes of each robot's left forearm, or of the skin that it has.
 
 Each poke is shown at the instant of the largest force and at the end.
 """
@@ -11,16 +11,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.capabilities.fields import ReceptiveField
+from tci.body.touchable import Touchable
 from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.lab.experiments.experiment import trial_places
 from tci.lab.experiments.figure import Panel, draw_figure
-from tci.lab.experiments.poke import Stimulus, Trace, poke
+from tci.lab.experiments.poke import Stimulus, Trace, poke_place
 from tci.lab.pictures.camera import Camera, fit, look_at, project
 from tci.lab.pictures.paint import FULL_SCALE, FieldLook, field_looks
-from tci.lab.pictures.portrait import Moment, Portrait, keep_moment
+from tci.lab.pictures.portrait import Moment, Portrait, keep_moment, lowest_shown
 from tci.messages.frames import Array, apply
 from tci.robot.description import Robot
 from tci.runtime.loop import Tick
+from tci.simulation.poke_first import poke_first
 from tci.simulation.world import World
 
 # Views, sizes and the caption are assumed. They change only the figure.
@@ -28,6 +30,10 @@ PART = "left_arm"
 VIEWS = {"forearm_extensor": (0.95, 0.0), "forearm_medial": (-0.30, 0.30)}
 """Poked sites with the view of each: azimuth and elevation [rad] of the camera. The sites and views are those
 of Figure 6 in the paper: the forearm is poked from below, and from the side that faces the body."""
+VIEW = (0.5, 0.3)
+"""View of every other place."""
+NEAR = {"speed": 1.0, "depth": 0.0}
+"""A poke that only tries whether the finger has room."""
 WIDTH, HEIGHT = 440, 480
 CLOSE_UP = 170
 """Size of a close-up [pixels]."""
@@ -36,14 +42,15 @@ TILT = np.deg2rad(55.0)
 does not hide the skin."""
 
 
-def draw_demo(robots: Sequence[Robot], reflex: WithdrawalReflex, path: Path, *, seed: int) -> None:
-    """Writes the figure with one row for each robot.
+def draw_demo(robots: Sequence[Robot], reflex: WithdrawalReflex, path: Path, *, seed: int) -> bool:
+    """Writes the figure with one row for each robot that has skin; False if none has.
 
     Each row shows two pokes, and each poke at the instant of the largest force and at the end.
     """
     looks = field_looks(reflex.fields)
-    sites = [field for field in reflex.fields if field.name in VIEWS]
-    panels = [panel for robot in robots for panel in _row(robot, reflex, sites, looks, seed)]
+    panels = [panel for robot in robots for panel in _row(robot, reflex, looks, seed)]
+    if not panels:
+        return False
     names = [field.name.replace("_", " ") for field in reflex.fields]
     draw_figure(
         panels,
@@ -53,12 +60,12 @@ def draw_demo(robots: Sequence[Robot], reflex: WithdrawalReflex, path: Path, *, 
         caption="The same reflex, with the same code, on each robot. Left of each pair: the moment of the "
         "largest force. Right: withdrawn.\nReceptive fields and base motions: not published; our choice.",
     )
+    return True
 
 
 def _row(
     robot: Robot,
     reflex: WithdrawalReflex,
-    sites: Sequence[ReceptiveField],
     looks: Sequence[FieldLook],
     seed: int,
 ) -> list[Panel]:
@@ -66,9 +73,10 @@ def _row(
     portrait = Portrait(world, looks, full_scale=FULL_SCALE)
     name = (robot.title or robot.name).split()[0]
     panels = []
-    for site in sites:
-        worst, last, trace = _moments(world, reflex, site, seed)
-        camera = _camera(portrait, (worst, last), robot, *VIEWS[site.name])
+    for one in _shown(world, reflex):
+        site = one.place.patch if one.site is None else reflex.fields[one.site].name
+        worst, last, trace = _moments(world, reflex, one, seed)
+        camera = _camera(portrait, (worst, last), robot, one.part, *VIEWS.get(site, VIEW))
         start, end = _spot(portrait, camera, worst, trace), _spot(portrait, camera, last, trace)
         for moment in (worst, last):
             index = trace.time.index(moment.time)
@@ -78,7 +86,7 @@ def _row(
             panels.append(
                 Panel(
                     image=portrait.draw(moment, camera),
-                    title=f"{name}: {site.name.replace('_', ', ')} side",
+                    title=f"{name}: {site.replace('_', ', ')}{' side' if one.site is not None else ''}",
                     detail=f"{after:.0f} ms: {force}, withdrawn {moved:.0f} mm",
                     spot=start if moment is worst else None,
                     close_up=_close_up(portrait, worst, trace, camera) if moment is worst else None,
@@ -88,10 +96,20 @@ def _row(
     return panels
 
 
+def _shown(world: World, reflex: WithdrawalReflex) -> list[Touchable]:
+    """Two places: those of the paper's Figure 6, else what the robot has; one place twice, none without
+    skin."""
+    world.reset()
+    names = [field.name for field in reflex.fields]
+    found = [one for one in trial_places(world.robot, reflex) if poke_first(world, [one], **NEAR)]
+    best = [one for one in found if one.part == PART and one.site is not None and names[one.site] in VIEWS]
+    return (best or found * 2)[:2]
+
+
 def _moments(
-    world: World, reflex: WithdrawalReflex, site: ReceptiveField, seed: int
+    world: World, reflex: WithdrawalReflex, one: Touchable, seed: int
 ) -> tuple[Moment, Moment, Trace]:
-    """Pokes the field `site`, and returns the moment at which the skin measured the largest force, the last
+    """Pokes a place, and returns the moment at which the skin measured the largest force, the last
     moment, and the trace of the poke."""
     strongest = 0.0
     moments: list[Moment] = []
@@ -104,17 +122,22 @@ def _moments(
             moments.append(keep_moment(world, tick.reading))
 
     stimulus = Stimulus()
-    trace = poke(world, PART, site, stimulus, reflex=reflex, seed=seed, watch=watch)
+    trace = poke_place(world, one.place, stimulus, reflex=reflex, seed=seed, watch=watch)
     # If the skin measured no force, both instants are the last one.
     return moments[-2:][0], moments[-1], trace
 
 
 def _camera(
-    portrait: Portrait, moments: Sequence[Moment], robot: Robot, azimuth: float, elevation: float
+    portrait: Portrait,
+    moments: Sequence[Moment],
+    robot: Robot,
+    part: str,
+    azimuth: float,
+    elevation: float,
 ) -> Camera:
-    """Returns a camera whose picture contains the upper body and the poked arm at all instants `moments`."""
-    reach = sum(segment.length for segment in robot.part(PART).segments)
-    points = np.concatenate([portrait.outline(moment, part=PART, lowest=-0.5 * reach) for moment in moments])
+    """Returns a camera whose picture contains the upper body and the poked part at all instants `moments`."""
+    lowest = lowest_shown(robot, part, 0.5)
+    points = np.concatenate([portrait.outline(moment, part=part, lowest=lowest) for moment in moments])
     return fit(
         points,
         azimuth=azimuth,

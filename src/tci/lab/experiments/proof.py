@@ -11,13 +11,15 @@ from typing import Any, Literal
 import numpy as np
 
 from tci.body.posture import to_platform
+from tci.body.touchable import without_skin
 from tci.capabilities.body_withdrawal import BodyWithdrawal
+from tci.capabilities.capability import lacks
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
 from tci.lab.experiments.body_trials import body_trials_of
 from tci.lab.experiments.checker import command_violations, physics_violations
-from tci.lab.experiments.experiment import SIDES, trials_of
+from tci.lab.experiments.experiment import SIDES, trial_places, trials_of
 from tci.lab.experiments.measure import Trial
 from tci.lab.experiments.patch_trials import PatchTrial, patch_trials_of
 from tci.lab.experiments.poke import Stimulus
@@ -77,6 +79,8 @@ class Proof:
     """Faults, one sentence each. Each sentence contains the valid values."""
     skin: Literal["described", "assumed", "none"] = "described"
     """What the touches were tested on: "assumed" if any of it is, "none" for a robot without skin."""
+    without_skin: tuple[str, ...] = ()
+    """Parts without skin, on which no touch was tried."""
 
     def to_json(self) -> dict[str, Any]:
         """Returns the results as JSON values."""
@@ -124,26 +128,13 @@ def prove(
         patches.append(touch)
         faults += filter(None, [touch.fault])
         progress(f"skin, {touch.patch.replace('_', ' ')}")
-    places = {(patch.part, patch.segment) for patch in robot.patches}
     reflex = WithdrawalReflex()
-    if not any(part in arms for part, _ in places):  # its skin is elsewhere, or it has none
-        return Proof(robot.name, tuple(axes), (), tuple(patches), tuple(faults), _skin(robot))
-    bare = [
-        f"{part}'s {field.segment}"
-        for part in arms
-        for field in reflex.fields
-        if (part, field.segment) not in places
-    ]
-    if bare:
-        faults.append(
-            f"no skin on {', '.join(dict.fromkeys(bare))}, so the reflex can't be tested; add a patch there"
-        )
-        return Proof(robot.name, tuple(axes), (), tuple(patches), tuple(faults), _skin(robot))
+    on_arms = not lacks(reflex, robot) and any(one.site is not None for one in trial_places(robot, reflex))
     trials = []
     progress("reflexes")
     try:
         for trial in chain(
-            trials_of(robot, reflex, stimulus=stimulus or Stimulus(), seed=0),
+            trials_of(robot, reflex, stimulus=stimulus or Stimulus(), seed=0) if on_arms else (),
             body_trials_of(robot, body_reflex, stimulus=stimulus),
         ):
             trials.append(trial)
@@ -151,7 +142,15 @@ def prove(
             progress(f"reflex, {trial.side} {trial.site.replace('_', ' ')}")
     except TciError as error:  # a point without skin, or without room for the finger
         faults.append(f"poke {len(trials) + 1} failed: {error}")
-    return Proof(robot.name, tuple(axes), tuple(trials), tuple(patches), tuple(faults), _skin(robot))
+    return Proof(
+        robot.name,
+        tuple(axes),
+        tuple(trials),
+        tuple(patches),
+        tuple(faults),
+        _skin(robot),
+        without_skin(robot),
+    )
 
 
 def _skin(robot: Robot) -> Literal["described", "assumed", "none"]:

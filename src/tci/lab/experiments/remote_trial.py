@@ -29,6 +29,8 @@ from tci.runtime.priority import real_time_where_permitted
 from tci.runtime.serve import serve
 from tci.simulation.world import World
 
+DONE, NUMB = "done", "done without skin"
+"""Last message of the other process for a poke: a frame of skin arrived, or none did."""
 STARTING = 60.0
 """Longest time [s] in which the other process must start, compile and connect. Assumed: the first compilation
 needs about half of this time on two cores."""
@@ -114,10 +116,15 @@ class RemoteTrial:
             # disappears.
             self._tell("enough")
         said = ""
-        while said != "done":
+        while said not in (DONE, NUMB):
             said = self._hear(STARTING)
             if said in ("", ENDED):
                 raise DriverError(self._trouble(said or f"no answer for {STARTING:g} s"))
+        if said == NUMB and self.robot.skin:
+            raise DriverError(
+                f"{self.via} carries no skin of {self.robot.name}: the reflex got joints only, and can't "
+                f'answer; valid: a middleware with skin beside it, such as --via "{self.via}{JOIN}yarp"'
+            )
 
     def _ask(self, via: str) -> None:
         while self._hear(0.0) not in ("", ENDED):
@@ -214,11 +221,12 @@ def answer(robot: Robot, reflex: Capability[Any], pipe: Connection) -> None:
             via = pipe.recv()
         except EOFError:
             return
-        ticks = 0
+        ticks, feels = 0, False
 
         def tell(tick: Tick) -> None:
-            nonlocal ticks
+            nonlocal ticks, feels
             ticks += 1
+            feels = feels or bool(tick.reading.skin)
             if ticks == 1:
                 pipe.send("ready")
 
@@ -228,4 +236,4 @@ def answer(robot: Robot, reflex: Capability[Any], pipe: Connection) -> None:
         except Exception as error:
             pipe.send(f"{type(error).__name__}: {error}".replace("\n", "; "))
         pipe.recv()
-        pipe.send("done")
+        pipe.send(DONE if feels else NUMB)

@@ -53,9 +53,8 @@ def same_stimulus(bodies: Sequence[GenericBody], fields: Sequence[ReceptiveField
         angles = np.zeros(2)
         for side in ("left", "right"):
             answers = [answer(body, f"{side}_arm", field) for body in bodies]
-            difference = max(
-                difference, *(float(np.ptp(goals, axis=0).max()) for goals in zip(*answers, strict=True))
-            )
+            spread = (float(np.ptp(goals, axis=0).max()) for goals in zip(*answers, strict=True))
+            difference = max(difference, max(spread, default=0.0))
             moved = [displacements(b, f"{side}_arm", a[-1]) for b, a in zip(bodies, answers, strict=True)]
             for one, other in combinations(moved, 2):
                 apart = [float(np.rad2deg(angle_between(*pair))) for pair in zip(one, other, strict=True)]

@@ -12,7 +12,7 @@ from tci.capabilities.fields import ReceptiveField
 from tci.errors import CommandError, UnknownNameError
 from tci.lab.pictures.camera import Camera, fit
 from tci.lab.pictures.paint import FULL_SCALE, field_looks
-from tci.lab.pictures.portrait import Portrait, keep_moment
+from tci.lab.pictures.portrait import Portrait, keep_moment, lowest_shown
 from tci.lab.pictures.video import needs_video, save_video
 from tci.runtime.loop import Tick
 from tci.simulation.world import World
@@ -40,7 +40,7 @@ class Film:
     """Records a film. Call `see` for every period of the run, and then `save`."""
 
     def __init__(self, world: World, path: Path, *, fields: Sequence[ReceptiveField], part: str) -> None:
-        """Prepares a film of the upper body with the arm `part`.
+        """Prepares a film of the upper body with the arm `part`, or of the whole body with a leg.
 
         Raises UnknownNameError for an unknown format, and MissingExtraError for a video if the extra `video`
         is missing. Raises CommandError if the file exists or the folder does not exist.
@@ -57,6 +57,7 @@ class Film:
         self.path = path
         self._world = world
         self._part = part
+        self._switches = {patch.name for patch in world.robot.patches if patch.sensor.switch}
         self._portrait = Portrait(world, field_looks(fields), full_scale=FULL_SCALE)
         self._camera: Camera | None = None
         self._due = -np.inf
@@ -69,17 +70,20 @@ class Film:
         self._due = tick.now + EVERY - 1e-9
         moment = keep_moment(self._world, tick.reading)
         if self._camera is None:
-            reach = sum(segment.length for segment in self._world.robot.part(self._part).segments)
-            points = self._portrait.outline(moment, part=self._part, lowest=-0.7 * reach)
+            lowest = lowest_shown(self._world.robot, self._part, 0.7)
+            points = self._portrait.outline(moment, part=self._part, lowest=lowest)
             self._camera = fit(
                 points, azimuth=AZIMUTH, elevation=ELEVATION, width=WIDTH, height=HEIGHT, margin=0.08,
                 frame=self._portrait.torso(moment),
             )  # fmt: skip
         picture = Image.fromarray(self._portrait.draw(moment, self._camera))
         words = f"{tick.now:.2f} s"
-        force = sum(contact.force for contact in tick.perception.contacts)
+        felt = tick.perception.contacts
+        force = sum(contact.force for contact in felt if contact.patch not in self._switches)
         if force > 0.0:
             words += f"   {force:.1f} N"
+        elif len(felt):
+            words += "   pressed"
         ImageDraw.Draw(picture).text((10, HEIGHT - 26), words, fill=(29, 39, 51), font_size=16)
         self._pictures.append(picture)
 

@@ -14,6 +14,7 @@ from tci.lab.pictures.paint import SKIN_COLOUR, FieldLook, FieldPaint, TaxelPain
 from tci.lab.pictures.render import Painter, model_colours, render
 from tci.messages import Reading
 from tci.messages.frames import Array, apply, invert, transform
+from tci.robot.description import Robot
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.joint_map import generic_posture
 from tci.simulation.finger import FINGER
@@ -189,3 +190,10 @@ def _below(model: mujoco.MjModel, bodies: Sequence[int]) -> NDArray[np.bool_]:
     for body in range(1, model.nbody):  # MuJoCo numbers a parent before its children.
         found[body] |= found[model.body_parentid[body]]
     return found
+
+
+def lowest_shown(robot: Robot, part: str, share: float) -> float:
+    """Lowest height [m] in the torso frame that a picture of a part shows: `share` of an arm's length below
+    the torso, or all of a robot whose leg is touched."""
+    found = robot.part(part)
+    return -np.inf if found.kind == "leg" else -share * sum(segment.length for segment in found.segments)

@@ -1,0 +1,103 @@
+"""Every tool works on the skin that is there, says what has none, and ends well: on NAOs as they are sold,
+and on a robot with one patch of 64 taxels."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+from PIL import Image
+
+import tci as library
+from helpers.command_line import tci
+from helpers.one_patch import write_one_patch
+from tci.learn import NAME
+
+FELT = {
+    "nao-plain": {"head", "left_hand", "right_hand", "left_bumper", "right_bumper"},
+    "nao-plain-h21": {"head", "left_bumper", "right_bumper"},
+    "one-patch": {"patch"},
+}
+BARE = {
+    "nao-plain": "forearm of left_arm",
+    "nao-plain-h21": "left_arm",
+    "one-patch": "upper arm of right_arm",
+}
+
+
+@pytest.fixture(scope="module")
+def patch(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return str(write_one_patch(tmp_path_factory.mktemp("robot")))
+
+
+def given(name: str, patch: str) -> str:
+    return patch if name == "one-patch" else name
+
+
+def flat(text: str) -> str:
+    return " ".join(text.split())
+
+
+@pytest.mark.parametrize("name", FELT)
+def test_a_poke_touches_what_exists_and_is_filmed(name: str, patch: str, tmp_path: Path) -> None:
+    words = ("run", "withdrawal", given(name, patch), "--poke", "--duration")
+    said = flat(tci(*words, "0.02", "--film", str(tmp_path / "film.gif")))
+    assert BARE[name] in said
+    with Image.open(tmp_path / "film.gif") as film:
+        assert np.ptp(np.asarray(film.convert("L"))) > 50
+    told = json.loads(tci(*words, "0.7", "--json"))
+    assert {*told["touched_N"]} <= FELT[name]
+    assert told["touched_N"]
+    assert bool(told["moved_rad"]) is (name == "one-patch")
+    assert bool(told["lacks"]) is (name != "one-patch")
+    assert bool(told["switches"]) is (name != "one-patch")
+
+
+def test_without_what_it_needs_it_says_so_and_what_can_be_done() -> None:
+    said = flat(tci("run", "withdrawal", "nao-plain", "--poke", "--duration", "0.5"))
+    assert said.startswith("withdrawal: no skin on an arm of this robot it runs and may move nothing")
+    assert "soft-reaction" in said[: said.index("tci robots")]
+    assert "touched head (pressed); WithdrawalReflex: no skin on an arm of this robot" in said
+    assert "nothing moved" not in said
+
+
+def test_the_demo_pokes_what_exists(patch: str, tmp_path: Path) -> None:
+    said = flat(tci("demo", patch, "nao-plain-h21", "--out", str(tmp_path), "--headless"))
+    report = json.loads((tmp_path / "report.json").read_text())
+    poked = {name: [one["site"] for one in report["trials"] if one["robot"] == name] for name in FELT}
+    assert {*poked["nao-plain-h21"]} == FELT["nao-plain-h21"]
+    assert len(poked["one-patch"]) >= 1
+    assert all(one["responded"] is (one["robot"] == "one-patch") for one in report["trials"])
+    assert all(one["peak_force_n"] > 4.0 for one in report["trials"])
+    assert f"one-patch has no skin on left_arm, {BARE['one-patch']}" in said
+    assert "nao-plain-h21 has no skin on left_arm, right_arm, torso" in said
+    with Image.open(tmp_path / "demo.png") as picture:
+        assert picture.width > 1000
+
+
+def test_the_check_proves_what_exists(patch: str) -> None:
+    said = flat(tci("check", patch, "--simulate"))
+    assert "one-patch: proved in simulation" in said
+    assert "1 of 1 patches moved away" in said
+    assert f"no skin on left_arm, {BARE['one-patch']}" in said
+
+
+@pytest.mark.parametrize("name", FELT)
+@pytest.mark.parametrize("touch", ["contacts", "taxels"])
+def test_an_episode_pokes_what_exists(
+    name: str, touch: str, patch: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    env = gymnasium.make(f"tci.learn:{NAME}", robot=library.load_robot(given(name, patch)), touch=touch)
+    assert BARE[name] in caplog.text
+    for seed in range(2):
+        observation, _ = env.reset(seed=seed)
+        felt = 0.0
+        for _ in range(75):
+            assert env.observation_space.contains(observation)
+            observation = env.step(observation["task"])[0]
+            felt = max(felt, float(np.abs(observation[touch]).max()))
+        assert felt > 0.1, seed
+    env.close()

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import hmac
+import time
+from contextlib import ExitStack
+
+import numpy as np
 import pytest
+import zenoh
 
 import tci
 from helpers.wire_peers import free_port
 from tci.drivers.registry import open_server
+from tci.drivers.remote.encoding import orders_bytes
+from tci.drivers.remote.protocol import Orders
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DriverError
 from tci.exports.facts import query, read_facts
+from tci.messages import Mode, PlatformCommand
 from tci.wires.zenoh.driver import ZenohDriver, ZenohServer
 from tci.wires.zenoh.session import close_session, open_session, parse_address
 
@@ -87,3 +96,39 @@ def test_doctor_tells_step_by_step_what_is_there() -> None:
         other = robot.model_copy(update={"digest": "0123456789abcdef" * 4})
         assert "different" in ZenohDriver.probe(other, where)[2].what
     assert told("no endpoint") == [("session", "fault")]
+
+
+def test_a_stranger_who_reads_a_commander_s_number_commands_nothing() -> None:
+    """Everybody sees the numbers of commanders, in each state; with a copied one a stranger moved joints that
+    somebody else commanded."""
+    robot, where = tci.load_robot("nao"), f"tcp/127.0.0.1:{free_port()}"
+    turn = PlatformCommand(Mode.POSITION, np.arange(1), np.array([0.4]), np.array([np.inf]))
+    with ExitStack() as closing, SimulatedDriver(robot) as driver, ZenohServer(driver, where) as server:
+        commander, stranger = (open_session(parse_address(where, "nao"), "connect") for _ in range(2))
+        for session in (commander, stranger):
+            closing.callback(close_session, session)
+
+        def join(session: zenoh.Session) -> list[bytes]:
+            replies = session.get("tci/nao/join?client=7", timeout=5.0)
+            return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+
+        def send(session: zenoh.Session, number: int, secret: bytes | None) -> int:
+            """Sends an order of commander 7; returns how many orders reach the gate."""
+            message = Orders(
+                server.number, time.monotonic(), 7, "somebody", number, None, False, number, (turn,)
+            )
+            data = orders_bytes(robot, message)
+            signature = None if secret is None else hmac.digest(secret, data, "sha256")
+            before, taken = server.rejected, 0
+            session.put("tci/nao/orders/7", data, attachment=signature)
+            while not taken and server.rejected == before:
+                server.fault()
+                taken += len(server.orders())
+            return taken
+
+        (secret,) = join(commander)
+        assert send(commander, 1, secret) == 1
+        assert join(stranger) == [], "a secret is given once"
+        assert send(stranger, 2, None) == 0
+        assert send(stranger, 3, bytes(32)) == 0
+        assert send(commander, 4, secret) == 1

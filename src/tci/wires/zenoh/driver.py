@@ -4,13 +4,17 @@
 |---|---|---|
 | `tci/NAME/state` | joints, gate, commander; in every period | robot |
 | `tci/NAME/skin/PATCH` | each new frame of the patch | robot |
-| `tci/NAME/orders/CLIENT` | orders and heartbeat, in every period | behaviour |
+| `tci/NAME/orders/CLIENT` | orders and heartbeat, signed; in every period | behaviour |
+| `tci/NAME/join` | reply to `?client=NUMBER`: the secret with which it signs, given once | robot |
 | `tci/NAME/facts` | the robot's facts as JSON, as reply to a query | robot |
 | `tci/NAME/alive` | liveliness of the robot's process | robot |
 """
 
 from __future__ import annotations
 
+import hmac
+import math
+import secrets
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -32,6 +36,10 @@ from tci.wires.zenoh.session import close_session, open_session, parse_address
 PER_POLL = 16
 """Largest number of messages that one call reads. If more messages have arrived, the older messages are
 dropped. The number bounds the time of a call. Assumed: usually fewer messages have arrived."""
+ASKS_AGAIN = 0.5
+"""Time [s] after which a commander asks again for its secret."""
+MOST_SECRETS = 256
+"""Largest number of secrets that a server keeps, those of its present commanders always."""
 QOS: dict[str, Any] = {
     # a dropped message does no harm, since orders are repeated; waiting would delay the loop
     "congestion_control": zenoh.CongestionControl.DROP,
@@ -50,8 +58,10 @@ class ZenohDriver(RemoteDriver):
         super().__init__(robot, middleware="zenoh", place=str(self._address), arm=arm)
         self.session = open_session(self._address, "connect")
         """Session of Zenoh, with which the robot's facts at `tci/NAME/facts` can be queried."""
-        key = f"tci/{self._address.robot}"
+        key = self._key = f"tci/{self._address.robot}"
         self._why = ""
+        self._secret: tuple[int, bytes] | None = None  # with the session to which it belongs
+        self._asked = -math.inf
         patches = max(1, len(robot.skin))
         try:
             self._states = self.session.declare_subscriber(f"{key}/state", zenoh.handlers.RingChannel(1))
@@ -79,18 +89,34 @@ class ZenohDriver(RemoteDriver):
 
     def _poll(self) -> Iterator[State | SessionFrame]:
         for subscriber, read in ((self._states, to_state), (self._frames, to_skin)):
-            for data in _received(subscriber):
+            for sample in _received(subscriber):
                 try:
-                    yield read(self.robot, data)
+                    yield read(self.robot, sample.payload.to_bytes())
                 except FrameError as error:
                     self.rejected += 1
                     self._why = str(error)
 
     def _put(self, orders: Orders) -> None:
+        """Sends nothing before the robot's process has given the secret: it would be refused."""
         try:
-            self._orders.put(orders_bytes(self.robot, orders))
+            if self._secret is None or self._secret[0] != orders.session:
+                self._ask(orders.session)
+                return
+            data = orders_bytes(self.robot, orders)
+            self._orders.put(data, attachment=_signature(self._secret[1], data))
         except zenoh.ZError as error:
             raise DriverError(f"{self.place}: {error}") from error
+
+    def _ask(self, session: int) -> None:
+        """Asks the robot's process for the secret with which orders are signed. The answer comes later."""
+
+        def take(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                self._secret = session, reply.ok.payload.to_bytes()
+
+        if self.clock.now() - self._asked >= ASKS_AGAIN:
+            self._asked = self.clock.now()
+            self.session.get(f"{self._key}/join?client={self.client:x}", take)
 
     def _why_silent(self) -> str:
         if self._why:
@@ -120,7 +146,9 @@ class ZenohServer(RemoteServer):
         """Session of Zenoh."""
         self._monitors = [ConnectionMonitor(port) for port in listening() - before]
         self.rejected = 0
-        """Number of received messages without valid orders for this robot."""
+        """Number of received messages without valid orders for this robot, or without the signature of the
+        commander whose number they have."""
+        self._secrets: dict[int, bytes] = {}
         self._orders = self.session.declare_subscriber(
             f"{self._key}/orders/*", zenoh.handlers.RingChannel(PER_POLL)
         )
@@ -134,17 +162,44 @@ class ZenohServer(RemoteServer):
         self._facts = self.session.declare_queryable(
             key, lambda asked: asked.reply(key, facts, encoding=zenoh.Encoding.APPLICATION_JSON)
         )
+        self._joins = self.session.declare_queryable(f"{self._key}/join", self._admit)
         self._alive = self.session.liveliness().declare_token(f"{self._key}/alive")
 
     def where(self) -> str:
         return str(self._where)
 
     def _poll(self) -> Iterable[Orders]:
-        for data in _received(self._orders):
+        for sample in _received(self._orders):
+            data = sample.payload.to_bytes()
             try:
-                yield to_orders(self.driver.robot, data)
+                orders = to_orders(self.driver.robot, data)
             except FrameError:
                 self.rejected += 1
+                continue
+            secret = self._secrets.get(orders.client, b"")
+            signature = b"" if sample.attachment is None else sample.attachment.to_bytes()
+            if secret and hmac.compare_digest(signature, _signature(secret, data)):
+                yield orders
+            else:
+                self.rejected += 1
+
+    def _admit(self, asked: zenoh.Query) -> None:
+        """Gives a commander, once, the secret with which it signs its orders. Everybody can read the numbers
+        of commanders, in each state, and Zenoh doesn't tell who sent a message."""
+        try:
+            client = int(asked.parameters.get("client") or "", 16)
+        except ValueError:
+            client = 0
+        if client == 0 or client in self._secrets:
+            asked.reply_err(b"valid: a new commander's number, as client=HEXADECIMAL")
+            return
+        there = {commander.client for commander in self.commanders.states()}
+        for old in [one for one in self._secrets if one not in there][
+            : len(self._secrets) - MOST_SECRETS + 1
+        ]:
+            del self._secrets[old]
+        secret = self._secrets[client] = secrets.token_bytes(32)
+        asked.reply(f"{self._key}/join", secret)
 
     def _show(self, state: State) -> None:
         self._states.put(state_bytes(self.driver.robot, state))
@@ -189,10 +244,16 @@ def _look(session: zenoh.Session, robot: Robot, name: str) -> Iterator[Finding]:
     yield Finding(Level.WARNING, "description", "it does not answer tci/NAME/facts", "get access to that key")
 
 
-def _received(subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]) -> Iterator[bytes]:
-    """Yields the payloads of the messages that have arrived, the oldest first, at most a fixed number."""
+def _signature(secret: bytes, data: bytes) -> bytes:
+    return hmac.digest(secret, data, "sha256")
+
+
+def _received(
+    subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]],
+) -> Iterator[zenoh.Sample]:
+    """Yields the messages that have arrived, the oldest first, at most a fixed number."""
     for _ in range(PER_POLL):
         sample = subscriber.try_recv()
         if sample is None:
             return
-        yield sample.payload.to_bytes()
+        yield sample

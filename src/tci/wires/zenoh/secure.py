@@ -134,26 +134,30 @@ def _access(
 
     for robot in robots:
         seen = [f"tci/{robot}/{key}" for key in SEEN]
-        alive, orders = f"tci/{robot}/alive", f"tci/{robot}/orders/*"
+        alive, orders, join = (f"tci/{robot}/{key}" for key in ("alive", "orders/*", "join"))
         rule(f"{robot} shows", "ingress", ["put", "reply", "declare_queryable"], seen)
         rule(f"{robot} lives", "ingress", ["liveliness_token"], [alive])
         rule(f"{robot} listens", "ingress", ["declare_subscriber"], [orders])
         rule(f"{robot} takes", "egress", ["put"], [orders])
+        rule(f"{robot} admits", "ingress", ["reply", "declare_queryable"], [join])
+        rule(f"{robot} is joined", "egress", ["query"], [join])
         rule(f"{robot} is asked", "egress", ["query", "declare_subscriber"], seen)
         rule(f"see {robot}", "ingress", ["declare_subscriber", "query"], seen)
         rule(f"get {robot}", "egress", ["put", "reply", "declare_queryable"], seen)
         rule(f"find {robot}", "egress", ["liveliness_token"], [alive])
         rule(f"order {robot}", "ingress", ["put"], [orders])
+        rule(f"join {robot}", "ingress", ["query"], [join])
+        rule(f"sign for {robot}", "egress", ["reply", "declare_queryable"], [join])
         # without this rule, a user can't send orders
         rule(f"reach {robot}", "egress", ["declare_subscriber"], [orders])
     rule("find robots", "ingress", ["liveliness_query", "declare_liveliness_subscriber"], ["tci/*/alive"])
     policies = [
         {"subjects": [robot], "rules": [f"{robot} {does}" for does in ("shows", "lives", "listens", "takes",
-                                                                       "is asked")]}
+                                                                       "is asked", "admits", "is joined")]}
         for robot in robots
     ]  # fmt: skip
     for does, users in (
-        (("see", "get", "find", "order", "reach"), commanders),
+        (("see", "get", "find", "order", "reach", "join", "sign for"), commanders),
         (("see", "get", "find"), watchers),
     ):
         for name, wanted in users.items():

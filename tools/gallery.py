@@ -22,7 +22,7 @@ from tci.robot.generic_fingers import FLEXIONS
 from tci.simulation.world import World
 from tci.skin.skin import Skin
 
-ROBOTS = ("nao", "nao-plain", "nao-whole", "icub", "icub-whole", "g1", "talos", "alex")
+ROBOTS = ("nao", "nao-plain", "nao-whole", "icub", "icub-whole", "g1", "g1-inspire", "talos", "alex")
 GRASPS = {
     "nao-hands": (0.012, (60.0, 20.0, 20.0)),
     "icub-hands": (0.018, (60.0, 70.0, 70.0)),

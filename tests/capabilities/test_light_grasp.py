@@ -141,13 +141,14 @@ def test_settings_that_do_not_fit_are_refused() -> None:
 @pytest.mark.parametrize(
     ("name", "presses"),
     [("nao-hands", "thumb"), ("icub-hands", "index middle ring"), ("g1-hands", "thumb index middle"),
+     ("g1-inspire", "thumb index middle ring"),
      ("allegro", "thumb index middle ring"), ("inspire", "thumb index middle"),
      ("shadow", "thumb index middle ring little"), ("dex3", "thumb index middle")],
 )  # fmt: skip
 def test_a_ball_in_the_palm_is_held_with_one_newton_by_each_finger_and_let_go_on_a_pull(
     name: str, presses: str, tmp_path: Path
 ) -> None:
-    robot = tci.load_robot(name) if name in HANDS else proposed(tmp_path, name)
+    robot = tci.load_robot(name) if "-" in name else proposed(tmp_path, name)
     grasp = try_grasp(robot, PART)
     assert not grasp.refused
     assert " ".join(grasp.forces) == presses

@@ -19,7 +19,7 @@ from tci.robot.kinematics import KinematicChain
 from tci.robot.xml import read_robot
 from tci.simulation.world import World
 
-HANDS = ("icub-hands", "nao-hands", "g1-hands")
+HANDS = ("icub-hands", "nao-hands", "g1-hands", "g1-inspire")
 
 
 def fist(robot: Robot, share: float) -> np.ndarray:

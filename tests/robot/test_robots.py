@@ -29,8 +29,8 @@ COMMON_RANGE = np.deg2rad([[-10, 95.5], [0, 76], [-29.5, 65], [15, 88.5], [-60, 
 SIDES = ("left", "right")
 LACKING = {"nao-h21": ["elbow_yaw"], "nao-plain-h21": ["elbow_yaw"]}
 """Generic joints that the arms of some robots lack."""
-BARE = ("nao-plain", "nao-plain-h21")
-"""Robots with touch switches only."""
+BARE = ("nao-plain", "nao-plain-h21", "g1-inspire")
+"""Robots without skin on their arms."""
 
 
 @pytest.fixture(scope="module", params=robot_names())
@@ -268,7 +268,7 @@ def test_legs_and_hands_turn_as_their_convention_says(robot: Robot) -> None:
             found += 1
     legs_and_hands = {"icub-whole": 16, "talos": 16, "alex": 2}
     legs_and_hands |= dict.fromkeys(("nao-whole", "nao-plain", "nao-plain-h21"), 10)
-    legs_and_hands |= dict.fromkeys(("g1", "g1-bare", "g1-hands"), 16)
+    legs_and_hands |= dict.fromkeys(("g1", "g1-bare", "g1-hands", "g1-inspire"), 16)
     assert found == legs_and_hands.get(robot.name, 0)
 
 

@@ -92,6 +92,11 @@ def _attach(spec: mujoco.MjSpec, attachment: Attachment) -> None:
     # What its elements mean depends on the file that they are in, so both files get the same settings.
     other.compiler.degree = spec.compiler.degree
     other.compiler.boundmass, other.compiler.boundinertia = BOUND_MASS, BOUND_INERTIA
+    if attachment.replaces is not None:
+        gone = spec.body(attachment.replaces)
+        for geom in list(gone.geoms):
+            spec.delete(geom)
+        gone.mass, gone.inertia, gone.fullinertia = 0.0, [0.0] * 3, [np.nan] * 6
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, rotation_rpy(*attachment.rpy).ravel())
     frame = spec.body(attachment.link).add_frame(pos=attachment.xyz, quat=quaternion)

@@ -5,7 +5,7 @@ The module computes the ball's size and its position on the palm by kinematics.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,7 +58,7 @@ class HeldBall:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Path:
-    """Positions of one fingertip's k taxels at b successive moments while the hand closes, in the frame of
+    """Positions of one finger's k taxels at b successive moments while the hand closes, in the frame of
     the palm's link."""
 
     angles: Array
@@ -90,14 +90,16 @@ def held_ball(robot: Robot, part: str, *, opposition: float = 1.2) -> HeldBall:
     opposed to the palm by `opposition` [rad], which is the angle in a light grasp. Raises TciError if the
     hand has no skin on the palm, or if no finger touches a ball.
     """
-    worn = {patch.segment: patch.name for patch in robot.patches if patch.part == part}
-    surfaces = {surface.patch: surface for surface in surfaces_of(robot)}
+    worn: dict[str, list[Surface]] = {}
+    for patch, surface in zip(robot.patches, surfaces_of(robot), strict=True):
+        if patch.part == part:
+            worn.setdefault(patch.segment, []).append(surface)
     if PALM not in worn:
         raise TciError(f"{part} of {robot.name}: no skin on its palm; valid: a patch of the segment {PALM}")
-    palm = surfaces[worn[PALM]]
+    palm = worn[PALM][0]
     open_hand = np.array(robot.part(part).initial_posture)
     open_hand[0] = max(open_hand[0], opposition)
-    tips = {finger: surfaces[worn[finger]] for finger in FINGERS if finger in worn}
+    tips = {finger: worn[finger] for finger in FINGERS if finger in worn}
     paths = _paths(robot, part, palm.link, tips, open_hand)
     best: tuple[tuple[int, float], HeldBall] | None = None
     for radius in RADII:
@@ -137,27 +139,28 @@ def _waiting(
 
 
 def _paths(
-    robot: Robot, part: str, palm: str, tips: Mapping[str, Surface], open_hand: Array
+    robot: Robot, part: str, palm: str, tips: Mapping[str, Sequence[Surface]], open_hand: Array
 ) -> dict[str, _Path]:
-    """Returns, by finger, the path of the fingertip's taxels while all fingers bend from the posture
+    """Returns, by finger, the path of the finger's taxels while all fingers bend from the posture
     `open_hand` (10,) [rad]. `palm` is the link of the palm."""
     chain, joints, bends = KinematicChain(robot), joint_map(robot, part), list(FLEXIONS)
-    links = (palm, *(tip.link for tip in tips.values()))
-    angles, poses = [], []
+    links = tuple(dict.fromkeys((palm, *(pad.link for pads in tips.values() for pad in pads))))
+    angles: list[Array] = []
+    poses: list[dict[str, Array]] = []
     for bend in BENDS:
         bent = np.array(open_hand)
         bent[bends] = np.maximum(bent[bends], bend)
         position = start_angles(robot, {part: bent})
         angles.append(joints.to_generic(position)[bends])
-        T_TP, *T_TL = chain.pose_array(position, links)
-        poses.append([invert(T_TP) @ pose for pose in T_TL])
+        T_TL = dict(zip(links, chain.pose_array(position, links), strict=True))
+        poses.append({link: invert(T_TL[palm]) @ pose for link, pose in T_TL.items()})
     return {
         finger: _Path(
             np.array(angles)[:, FINGERS.index(finger)],
-            np.array([apply(row[i], tip.positions) for row in poses]),
-            np.array([tip.normals @ row[i][:3, :3].T for row in poses]),
+            np.array([np.vstack([apply(row[pad.link], pad.positions) for pad in pads]) for row in poses]),
+            np.array([np.vstack([pad.normals @ row[pad.link][:3, :3].T for pad in pads]) for row in poses]),
         )
-        for i, (finger, tip) in enumerate(tips.items())
+        for finger, pads in tips.items()
     }
 
 

@@ -25,6 +25,8 @@ class Attachment(Description):
     """Link of the robot's model to which the additional model is fixed."""
     prefix: str
     """Prefix that is put before each name of the additional model."""
+    replaces: str | None = None
+    """Fixed link of the robot's model, such as a rubber hand, whose shapes and mass this model replaces."""
     xyz: Vector = (0.0, 0.0, 0.0)
     """Origin [m] of the additional model's frame, in the frame of the link."""
     rpy: Vector = (0.0, 0.0, 0.0)

@@ -352,9 +352,10 @@ MODEL = Element(
     many={
         "attachment": Element(
             "A second model (MJCF file in the folder of the description) that is fixed to a link, such as "
-            "a hand that the robot's model lacks. `prefix` is added to all names of this second model.",
+            "a hand that the robot's model lacks. `prefix` is added to all names of this second model. "
+            "`replaces` names a fixed link, such as a rubber hand, that loses its shapes and its mass.",
             needs={"file": RelativePath(), "link": NAME, "prefix": NAME},
-            may={"xyz": POINT, "rpy": ORIENTATION},
+            may={"replaces": NAME, "xyz": POINT, "rpy": ORIENTATION},
             describes=Attachment, fields={"file": "path"},
         )
     },

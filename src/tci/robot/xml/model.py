@@ -175,6 +175,7 @@ def _check_names(root: Node, names: ModelNames, faults: Faults) -> None:
     check(model, "torso_link", names.links, "link")
     for attachment in model.all("attachment") if model is not None else ():
         check(attachment, "link", names.links, "link")
+        check(attachment, "replaces", names.links, "link")
     for part in root.all("robot_part"):
         for servo in part.all("servo"):
             for node in (servo, *servo.all("mimic")):

@@ -148,7 +148,7 @@ def test_what_is_wrong_is_said_at_once_with_what_would_be_valid(
 @pytest.mark.parametrize(
     ("words", "offered"),
     [
-        (["describe", "na"], ["nao", "nao-h21", "nao-hands", "nao-whole"]),
+        (["describe", "na"], ["nao", "nao-h21", "nao-hands", "nao-plain", "nao-plain-h21", "nao-whole"]),
         (["view", "nao", "ica"], []),
         (["view", "nao", "icub-"], ["icub-hands", "icub-whole"]),
         (["run", "withdrawal", "icub-"], ["icub-hands", "icub-whole"]),

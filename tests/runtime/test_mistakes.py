@@ -162,8 +162,9 @@ def test_7_a_class_in_place_of_an_instance(driver: SimulatedDriver) -> None:
 )
 def test_7_a_method_without_the_body(own: dict[str, Any], words: str) -> None:
     """Capabilities had this form before `body` became an argument."""
+    old = type("Old", (Ask,), own)
     with pytest.raises(TciError, match=words):
-        type("Old", (Ask,), own)
+        old()
 
 
 @pytest.mark.parametrize("mode", ["position", "Position"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from inspect import isfunction, signature
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
 from tci.body.generic_body import GenericBody
 from tci.capabilities.needs import Need
@@ -25,6 +25,9 @@ class Capability(ABC, Generic[Memory]):
     bit for bit, so that recordings can be replayed.
     """
 
+    wrong: ClassVar[str] = ""
+    """What is wrong with the class; empty if nothing is."""
+
     @property
     def needs(self) -> tuple[Need, ...]:
         """What it needs of a robot, so that a robot without it is told before the run instead of "nothing
@@ -33,19 +36,27 @@ class Capability(ABC, Generic[Memory]):
         return ()
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Raises TciError if a method of the subclass takes other arguments than the method of this class."""
+        """Notes a method that takes other arguments than the method of this class. The error comes when
+        the class is used, so that one wrong class leaves the others of its module usable."""
         super().__init_subclass__(**options)
+        cls.wrong = ""
         for name in ("init", "begin", "step", "claims", "pause", "resume", "notes", "fault"):
-            own, declared = vars(cls).get(name), signature(getattr(Capability, name)).parameters
+            own, declared = getattr(cls, name), signature(getattr(Capability, name)).parameters
             if not isfunction(own):
                 continue
             try:
                 signature(own).bind(*declared)
             except TypeError:
-                raise TciError(
+                cls.wrong = (
                     f"{cls.__name__}.{name}({', '.join(signature(own).parameters)}) has other arguments than "
                     f"a capability; valid: def {name}({', '.join(declared)})"
-                ) from None
+                )
+
+    def __new__(cls, *settings: Any, **named: Any) -> Self:
+        """Raises TciError if a method of the class takes other arguments than a capability's."""
+        if cls.wrong:
+            raise TciError(cls.wrong)
+        return super().__new__(cls)
 
     @abstractmethod
     def init(self, body: GenericBody) -> Memory:

@@ -65,7 +65,9 @@ def describe(
 def _print_tables(robot: Robot) -> None:
     import numpy as np
 
+    from tci.cli.bare import tell_bare
     from tci.exports.facts import query
+    from tci.runtime.arguments import capabilities_for
 
     patches = query(robot).patches
     console.print(f"[bold]{robot.name}[/]  {escape(robot.title)}")
@@ -87,6 +89,8 @@ def _print_tables(robot: Robot) -> None:
         console.print(own)
     if patches:
         console.print(_skin_table(patches))
+    tell_bare(robot)
+    console.print(f"capabilities: {', '.join(capabilities_for(robot)) or 'none'}", highlight=False)
     for binding in robot.all_bindings:
         console.print(
             f"driver [bold]{binding.middleware}[/]: {binding.rate:g} commands/s; the robot holds when joint "

@@ -51,12 +51,14 @@ app.add_typer(zenoh_app, name="zenoh")
 def _finish_help(commands: typer.Typer, group: str = "") -> None:
     """Joins the lines of help texts into paragraphs, because Typer would print the line breaks of the source.
 
-    Also adds the next command to try at the end of each help text.
+    Also adds the next command to try at the end of each help text. A list of commands shows the first
+    sentence of each.
     """
     for command in commands.registered_commands:
         name = command.name or str(getattr(command.callback, "__name__", ""))
         words = inspect.getdoc(command.callback) or ""
         command.help = re.sub(r"(?<!\n)\n(?!\n)", " ", words)
+        command.short_help = re.split(r"(?<=\.)\s", command.help, maxsplit=1)[0]
         command.epilog = f"Next:  {NEXT[group + name]}"
     for registered in commands.registered_groups:
         if registered.typer_instance is not None:

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from tci.cli import completion
+from tci.errors import CommandError, UnknownNameError
 
 
 def _above_zero(seconds: float | None) -> float | None:
@@ -19,12 +20,20 @@ def _above_zero(seconds: float | None) -> float | None:
 
 
 def _known_robots(given: str | list[str] | None) -> str | list[str] | None:
-    """Raises UnknownNameError if a given robot has no description. Called before the command loads other
-    modules, so that the error comes at once."""
+    """Raises UnknownNameError if a given robot has no description, and CommandError if it is a capability.
+    Called before the command loads other modules, so that the error comes at once."""
     from tci.robot.catalogue import check_name
 
     for name in [given] if isinstance(given, str) else given or ():
-        check_name(name)
+        try:
+            check_name(name)
+        except UnknownNameError as error:
+            if name in completion.capabilities("") or (":" in name and "/" not in name):
+                raise CommandError(
+                    f"{name} is a capability, no robot; valid: tci run {name} ROBOT, with ROBOT one of "
+                    f"{', '.join(error.valid)}"
+                ) from None
+            raise
     return given
 
 

@@ -76,8 +76,9 @@ def plot(
         other = "" if touch.responding == touch.part else f" ({touch.responding})"
         length = 1e3 * (touch.ended - touch.began)
         lost = f"contact to the end ({length:.0f} ms)" if touch.lasts else f"lost {length:.0f} ms"
+        felt = "pressed" if touch.patch in found.switches else f"{touch.peak_force:.1f} N"
         console.print(
-            f"{touch.began:8.3f} s  {touch.patch}: {touch.peak_force:.1f} N, {numbers}{other}, {lost}",
+            f"{touch.began:8.3f} s  {touch.patch}: {felt}, {numbers}{other}, {lost}",
             highlight=False,
             soft_wrap=True,
         )

@@ -12,6 +12,7 @@ from rich.text import Text
 from tci.cli.console import console, print_json
 from tci.cli.options import AsJson
 from tci.errors import MissingExtraError
+from tci.robot.description.binding import USUAL
 
 if TYPE_CHECKING:
     from tci.robot.description import Robot
@@ -31,22 +32,28 @@ def robots(as_json: AsJson = False) -> None:
     if as_json:
         print_json({"robots": rows})
         return
-    table = Table(title="Robots", box=box.SIMPLE_HEAD)
-    for heading in ("name", "robot", "generic parts", "servos", "skin", "drivers"):
-        table.add_column(heading, min_width=14 if heading == "generic parts" else None, overflow="fold")
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    for heading in ("name", "robot", "servos", "skin"):
+        table.add_column(heading, overflow="fold", no_wrap=heading == "name")
     for row in rows:
         if "missing" in row:
             table.add_row(f"[bold]{row['name']}[/]", Text("not installed", "yellow"))
         else:
             table.add_row(
                 f"[bold]{row['name']}[/]",
-                row["title"],
-                ", ".join(row["parts"]),
+                Text(row["title"]),
                 str(row["servos"]),
                 _skin(row),
-                ", ".join(row["drivers"]),
             )
     console.print(table)
+    own: dict[str, list[str]] = {}
+    for row in rows:
+        for wire in row.get("drivers", ()):
+            if wire not in USUAL:
+                own.setdefault(wire, []).append(row["name"])
+    console.print(f"--via, all: {', '.join(USUAL)}", highlight=False)
+    for wire, names in own.items():
+        console.print(f"--via {wire}: {', '.join(names)}", highlight=False)
     missing: dict[tuple[str, str], list[str]] = {}
     for name, robot in found.items():
         if isinstance(robot, MissingExtraError):
@@ -76,6 +83,7 @@ def _row(name: str, robot: Robot | MissingExtraError) -> dict[str, Any]:
         "parts": [part.name for part in robot.parts],
         "servos": len(robot.servos),
         "skin": {patch.name: patch.channels for patch in robot.skin},
+        "switches": {patch.name: patch.channels for patch in robot.skin if patch.name in robot.switches},
         "through_joints": [patch.name for patch in robot.patches if patch.through_joints],
         "drivers": [binding.middleware for binding in robot.all_bindings],
     }
@@ -84,9 +92,11 @@ def _row(name: str, robot: Robot | MissingExtraError) -> dict[str, Any]:
 def _skin(row: dict[str, Any]) -> str:
     said = []
     if row["skin"]:
-        said.append(f"{len(row['skin'])} patches, {sum(row['skin'].values())} channels")
+        switches = f", {sum(row['switches'].values())} switches" if row["switches"] else ""
+        taxels = sum(count for name, count in row["skin"].items() if name not in row["switches"])
+        said.append(f"{taxels} taxels{switches}" if taxels else switches.removeprefix(", "))
     if row["through_joints"]:
-        said.append(f"{len(row['through_joints'])} surfaces felt through joints")
+        said.append("by joint torques")
     return "; ".join(said) or "none"
 
 

@@ -146,7 +146,10 @@ def _check(options: Iterable[str], factory: Any, what: str) -> None:
 def _load(group: str, what: str, name: str) -> Any:
     points = {point.name: point for point in entry_points(group=group)}
     if name not in points:
-        raise UnknownNameError(what, name, sorted(points))
+        valid = sorted(points)
+        if "." in name or "/" in name:
+            valid.append(f"and behind one of them an address: naoqi://{name}, yarp:{name}")
+        raise UnknownNameError(what, name, valid)
     point = points[name]
     with needs(f"the {what} {name!r}", name, of=point.dist):
         return point.load()

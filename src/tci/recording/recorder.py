@@ -52,6 +52,9 @@ published."""
 PACKAGES = ("tci", "numpy", "mujoco", "ruckig", "numba", "mcap")
 """Packages whose versions a recording contains. The version of Python is also recorded."""
 
+SUFFIX = ".mcap"
+"""How the name of a recording ends: viewers choose a format by it."""
+
 
 class Recorder:
     """Writes one recording."""
@@ -70,8 +73,14 @@ class Recorder:
 
         `about` is added to the file's metadata, for example the capability, its settings, and the seed.
         If the driver sends a frame only when its values change, `keep_alive` [s] is the longest time between
-        two frames of a patch. Raises RecordingError if the file exists or can't be created.
+        two frames of a patch. Raises RecordingError if the name does not end in .mcap, and if the file
+        exists or can't be created.
         """
+        if Path(path).suffix.lower() != SUFFIX:
+            raise RecordingError(
+                f"{path}: a recording is an MCAP file; valid: a name that ends in {SUFFIX}; from it, tci log "
+                "export writes tables"
+            )
         robot = None if robot is None else as_robot(robot)
         self.path = Path(path)
         self.failed = ""

@@ -14,7 +14,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tci.errors import TciError, UnknownNameError
+from tci.errors import CommandError, TciError, UnknownNameError
 
 if TYPE_CHECKING:
     from tci.robot.description import Robot
@@ -25,6 +25,8 @@ last change."""
 GROUP = "tci.robots"
 """Entry-point group in which other packages name their robots."""
 FILE = "robot.xml"
+MODELS = (".urdf", ".xacro", ".mjcf", ".sdf")
+"""Endings of models without a description: what the robot's joints and skin mean is not in them."""
 
 _FOLDER = Path(__file__).with_name("robots")
 _known: weakref.WeakValueDictionary[str, Robot] = weakref.WeakValueDictionary()
@@ -40,8 +42,13 @@ def robot_names() -> tuple[str, ...]:
 
 
 def check_name(name_or_path: str) -> None:
-    """Raises UnknownNameError for a text that is neither a known robot's name nor a path. This function loads
-    no robot."""
+    """Raises UnknownNameError for a text that is neither a known robot's name nor a path, CommandError for a
+    model. Loads no robot."""
+    if name_or_path.lower().endswith(MODELS):
+        raise CommandError(
+            f"{name_or_path} is a model, no description of a robot; valid: the description that "
+            f"tci new-robot {name_or_path} writes"
+        )
     if not (_is_path(name_or_path) or name_or_path in _packaged() or name_or_path in _entries()):
         raise UnknownNameError("robot", name_or_path, [*robot_names(), "or the path of a description (.xml)"])
 
@@ -55,12 +62,15 @@ def load_robot(name_or_path: str | os.PathLike[str]) -> Robot:
     changed, the call returns a new object.
 
     - Raises UnknownNameError, with the valid names, if there is no robot with this name.
+    - Raises CommandError for a model, such as a URDF, in place of a description.
     - Raises DescriptionError, with all faults, if the description has faults.
     - Raises MissingExtraError if the model of the robot is in a package that is not installed.
     """
     from tci.robot.xml import read_robot  # not at the top of the file: shell completion needs only the names
 
     text = os.fspath(name_or_path)
+    if text.lower().endswith(MODELS):
+        check_name(text)
     if not isinstance(name_or_path, str) or _is_path(text):
         return read_robot(text)
     packaged = _packaged()

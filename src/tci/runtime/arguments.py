@@ -129,8 +129,8 @@ def _in_folder(module: str) -> list[str]:
 
 
 def _can_run(one: object) -> bool:
-    """Returns True if `one` is a class of capabilities that is not abstract."""
-    return isinstance(one, type) and issubclass(one, Capability) and not isabstract(one)
+    """Returns True if `one` is a class of capabilities that is neither abstract nor wrong."""
+    return isinstance(one, type) and issubclass(one, Capability) and not (isabstract(one) or one.wrong)
 
 
 def check_duration(duration: float | None) -> None:

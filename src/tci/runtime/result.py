@@ -200,7 +200,7 @@ class Account:
             holds=self._holds.notices(),
             went_back=self._went_back.notices(),
             lacks=self._lacks,
-            switches=tuple(name for name in self._touched if self._driver.robot.patch(name).sensor.switch),
+            switches=tuple(name for name in self._touched if name in self._driver.robot.switches),
         )
 
     def _touch(self, seen: Perception) -> None:

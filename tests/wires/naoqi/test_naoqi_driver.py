@@ -19,6 +19,7 @@ from helpers.served import Served
 from helpers.still_nao import StillNao
 from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
+from tci.capabilities import SoftHands
 from tci.drivers.diagnosis import Level
 from tci.drivers.registry import connect
 from tci.errors import DriverError
@@ -27,6 +28,7 @@ from tci.messages import Mode, Reading
 from tci.messages.clock import ManualClock
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Address, Robot
+from tci.runtime.loop import Tick, run
 from tci.wires.naoqi.words import current_key
 
 ELBOW = next(servo.index for servo in ROBOT.servos if servo.name == "LElbowRoll")
@@ -403,3 +405,24 @@ def test_skin_that_is_published_in_another_way_after_a_restart_is_not_looked_for
                 wait_for(lambda n=number: frame(driver.read(), "left_forearm").values[0] == 50 + n)
             wait_for(lambda: poller._asks == poller._known, driver)
             assert poller._asks["left_forearm"] == ["TCI/Skin/left_forearm"]
+
+
+def test_a_nao_as_sold_is_soft_while_its_hand_is_held() -> None:
+    robot = load_robot("nao-plain")
+    softest, stiff = {"LElbowRoll": 1.0, "RElbowRoll": 1.0}, {}
+    with StillNao(robot) as nao, connect(robot, nao.via, arm=True) as driver:
+        memory, names = nao.services["ALMemory"], [servo.name for servo in robot.servos]
+        begin = driver.clock.now()
+
+        def see(tick: Tick) -> None:
+            nao.obey()
+            since = tick.now - begin
+            memory.insertData("HandLeftBackTouched", float(0.3 < since < 0.8))
+            for name in softest:
+                stiff[name] = float(nao.board.stiffness[names.index(name)])
+                softest[name] = min(softest[name], stiff[name])
+
+        result = run(driver, SoftHands(), duration=2.0, observe=see)
+    assert result.touched.keys() == {"left_hand"}
+    assert softest == {"LElbowRoll": 0.2, "RElbowRoll": 1.0}
+    assert stiff == {"LElbowRoll": 1.0, "RElbowRoll": 1.0}

@@ -57,7 +57,6 @@ class Film:
         self.path = path
         self._world = world
         self._part = part
-        self._switches = {patch.name for patch in world.robot.patches if patch.sensor.switch}
         self._portrait = Portrait(world, field_looks(fields), full_scale=FULL_SCALE)
         self._camera: Camera | None = None
         self._due = -np.inf
@@ -79,7 +78,7 @@ class Film:
         picture = Image.fromarray(self._portrait.draw(moment, self._camera))
         words = f"{tick.now:.2f} s"
         felt = tick.perception.contacts
-        force = sum(contact.force for contact in felt if contact.patch not in self._switches)
+        force = sum(contact.force for contact in felt if contact.patch not in self._world.robot.switches)
         if force > 0.0:
             words += f"   {force:.1f} N"
         elif len(felt):

@@ -256,9 +256,13 @@ class Viewer:
     def _show_events(self) -> None:
         events: list[tuple[str, float, str]] = []
         for key, source in self.sources.items():
-            _set(self._badges[key], badge(_title(source), source.view, source.ended, source.loop_words))
+            _set(self._badges[key], _badge(source))
             events += [(_title(source), stamp, words) for stamp, words in list(source.events)[-6:]]
         _set(self._events, event_list(sorted(events, key=lambda event: -event[1])[:8]))
+
+
+def _badge(source: Source) -> str:
+    return badge(_title(source), source.view, source.ended, source.loop_words, source.robot.switches)
 
 
 def _set(handle: viser.GuiHtmlHandle | viser.GuiMarkdownHandle, content: str) -> None:

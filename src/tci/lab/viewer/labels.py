@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from html import escape
 
 import numpy as np
@@ -24,8 +24,8 @@ MEANING = {
 SIDES = ("flexor", "lateral", "extensor", "medial")
 
 
-def badge(title: str, view: View | None, ended: str, loop: str = "") -> str:
-    """Returns the state of a robot's gate and loop as HTML."""
+def badge(title: str, view: View | None, ended: str, loop: str = "", switches: Container[str] = ()) -> str:
+    """The state of a robot's gate and loop as HTML. `switches` are the patches of switches."""
     if ended:
         colour, name, words = COLOURS[GateState.STOP], "LOOP ENDED", ended
     elif view is None:
@@ -34,7 +34,7 @@ def badge(title: str, view: View | None, ended: str, loop: str = "") -> str:
         colour, name, words = GREY, "NOT COMMANDED", view.reason or "no command was sent to the robot"
     else:
         colour, name, words = COLOURS[view.state], view.state.name, view.reason or MEANING[view.state]
-    touched = ", ".join(touch(contact) for contact in view.contacts[:2]) if view else ""
+    touched = ", ".join(touch(contact, switches) for contact in view.contacts[:2]) if view else ""
     lines = [
         f'<b style="color:white;background:{colour};border-radius:4px;padding:1px 7px">{name}</b> '
         f"<b>{escape(title)}</b>",
@@ -46,14 +46,17 @@ def badge(title: str, view: View | None, ended: str, loop: str = "") -> str:
     return f'<div style="font-size:13px;line-height:1.45;padding:3px 12px">{"<br>".join(lines)}</div>'
 
 
-def touched(contact: Contact, fields: Sequence[ReceptiveField]) -> str:
+def touched(contact: Contact, fields: Sequence[ReceptiveField], switches: Container[str] = ()) -> str:
     """Returns the text for a touch, such as `touched: left forearm, flexor side: 3.1 N`. If the touch is
     outside all fields, the text says so."""
-    return f"{OUTSIDE if is_outside(fields, contact) else 'touched'}: {touch(contact)}"
+    return f"{OUTSIDE if is_outside(fields, contact) else 'touched'}: {touch(contact, switches)}"
 
 
-def touch(contact: Contact) -> str:
-    """Returns a contact as text, such as `left forearm, flexor side: 3.1 N`."""
+def touch(contact: Contact, switches: Container[str] = ()) -> str:
+    """A contact as text: `left forearm, flexor side: 3.1 N`, or `head: pressed` on one of the patches
+    `switches`, which don't tell how hard."""
+    if contact.patch in switches:
+        return f"{contact.patch.replace('_', ' ')}: pressed"
     if not np.isfinite(contact.theta):
         return f"{contact.patch.replace('_', ' ')}: {contact.force:.1f} N"
     side = SIDES[int(np.round(contact.theta / (np.pi / 2.0))) % 4]

@@ -183,7 +183,7 @@ class Player:
         for touch in self.touches:
             seen = [contact for period in by_time[touch.began] for contact in period.perception.contacts]
             contacts = [contact for contact in seen if contact.part == touch.part]
-            self._happened.append((touch.began, touched(contacts[0], self.fields)))
+            self._happened.append((touch.began, touched(contacts[0], self.fields, self.robot.switches)))
             if touch.commanded is not None:
                 for command in [one for period in by_time[touch.commanded] for one in period.commands]:
                     if command["kind"] == GenericCommand.__name__ and command["part"] == touch.responding:

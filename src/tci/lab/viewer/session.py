@@ -15,7 +15,8 @@ import numpy as np
 
 from tci.body.generic_body import GenericBody
 from tci.body.places import Place
-from tci.capabilities.capability import Capability
+from tci.capabilities.capability import Capability, lacks
+from tci.capabilities.wrapper import unwrapped
 from tci.drivers.driver import Driver
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, TciError
@@ -95,6 +96,8 @@ class Session:
         self._real_time = RealTime()
         self._leave = np.inf
         self._state: tuple[GateState, Reason | None] = (GateState.RUN, None)
+        for words in lacks(capability, self.robot):
+            self.say(f"{type(unwrapped(capability)).__name__}: {words}")
         self._thread = threading.Thread(target=self._work, name=f"loop of {self.robot.name}", daemon=True)
 
     @property
@@ -305,7 +308,7 @@ class Session:
         pause."""
         for contact in tick.perception.contacts:
             if tick.now - self._noted.get(contact.patch, -np.inf) > QUIET:
-                self.say(touched(contact, self.fields))
+                self.say(touched(contact, self.fields, self.robot.switches))
             self._noted[contact.patch] = tick.now
         for order in tick.commands:
             if isinstance(order, GenericCommand):

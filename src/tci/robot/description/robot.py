@@ -118,6 +118,11 @@ class Robot(Description):
         of joints."""
         return tuple(patch for patch in self.patches if not patch.through_joints)
 
+    @cached_property
+    def switches(self) -> frozenset[str]:
+        """Names of the patches whose taxels only tell pressed or not."""
+        return frozenset(patch.name for patch in self.patches if patch.sensor.switch)
+
     def part(self, name: str) -> GenericPart:
         """Returns the generic part with this name. Raises UnknownNameError if the robot has no such part."""
         for part in self.parts:

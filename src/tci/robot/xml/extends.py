@@ -19,6 +19,8 @@ from tci.robot.xml.grammar import ROOT
 ATTRIBUTE, REMOVED = "extends", "removed"
 KEYS = ("id", "destination_servo_id", "name", "middleware", "of", "joint", "frame", "prefix")
 """Attributes that distinguish elements with equal tags."""
+MODELS = ("robot", "mujoco", "sdf")
+"""Root elements of models: URDF, MJCF, SDF."""
 MOST = 6
 """Largest number of files that are merged to one description. Assumed: enough for a robot, a variant of the
 robot, and changes by the robot's owner."""
@@ -46,7 +48,10 @@ def _files(file: Path) -> Iterator[tuple[etree._Element, bytes, str]]:
         element = parse(data, str(file))
         line = element.sourceline or 1
         if element.tag != ROOT:
-            raise refuse(str(file), line, f"the root element is {shown(str(element.tag))}; valid: <{ROOT}>")
+            model = "; it is a model: tci new-robot writes its description" if element.tag in MODELS else ""
+            raise refuse(
+                str(file), line, f"the root element is {shown(str(element.tag))}; valid: <{ROOT}>{model}"
+            )
         yield element, data, str(file)
         name = element.get(ATTRIBUTE)
         if name is None:

@@ -36,6 +36,24 @@ LIVE = [
 """Folders and files of live tests, which use other processes in real time. On a busy machine the gate
 correctly holds the robot, so only few of these tests run at the same time."""
 
+UNTIMED = [
+    "cli/test_commands.py",
+    "cli/test_log.py",
+    "cli/test_missing_extras.py",
+    "cli/test_new_robot.py",
+    "cli/test_skin.py",
+    "cli/test_skin_calibrate.py",
+    "cli/test_skin_check.py",
+    "drivers/test_remote_cdr.py",
+    "drivers/test_replay.py",
+    "drivers/test_wrapper.py",
+    "lab/commissioning/test_plausibility.py",
+    "runtime/test_mistakes.py",
+    "runtime/test_result.py",
+    "yarpwire/test_bottle.py",
+]
+"""Files in these folders whose results do not depend on real time, so they need not wait for live tests."""
+
 FIRST = [
     "test_wheel.py",
     "lab/viewer",
@@ -65,7 +83,11 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def is_live(path: Path) -> bool:
     """Returns True if the tests of a file are live."""
-    return any(path.is_relative_to(TESTS / place) for place in LIVE)
+    return _in(path, LIVE) and not _in(path, UNTIMED)
+
+
+def _in(path: Path, places: list[str]) -> bool:
+    return any(path.is_relative_to(TESTS / place) for place in places)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -87,7 +109,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.live)
         if {"skin_data", "genuine_data"} & {*getattr(item, "fixturenames", ())}:
             item.add_marker(pytest.mark.data)
-    items.sort(key=lambda item: not any(item.path.is_relative_to(TESTS / place) for place in FIRST))
+    items.sort(key=lambda item: not _in(item.path, FIRST))
     if config.getoption("--data") is None:
         items[:] = [item for item in items if "genuine_data" not in getattr(item, "fixturenames", ())]
 

@@ -35,6 +35,7 @@ from tci.cli.view import SIMULATED
 from tci.lab.pictures.film import Film
 from tci.lab.viewer.app import Viewer
 from tci.lab.viewer.session import Session
+from touches import draw as draw_touches
 
 ROOT = Path(__file__).resolve().parent.parent
 IMAGES = ROOT / "docs" / "images"
@@ -170,6 +171,7 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "body": lambda folder: gallery.body(folder, IMAGES),
     "hands": lambda folder: gallery.hands(folder, IMAGES),
     "robots": lambda folder: gallery.robots(folder, IMAGES),
+    "touches": lambda _: draw_touches(IMAGES / "touches.png"),
     "touch": lambda folder: touch_to_motion.draw_path(IMAGES / "touch-to-motion.svg"),
     "bad_command": lambda folder: touch_to_motion.draw_bad_command(IMAGES / "bad-command.svg"),
     "control_modes": lambda _: control_modes.draw(IMAGES / "control-modes.png"),

@@ -28,6 +28,7 @@ from tci.cli.robots import robots
 from tci.cli.run import run
 from tci.cli.serve import serve
 from tci.cli.skin import app as skin_app
+from tci.cli.touches import touches
 from tci.cli.view import view
 from tci.cli.zenoh import app as zenoh_app
 from tci.errors import DescriptionError, TciError
@@ -39,7 +40,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
 )
 
-for command in (demo, view, run, record, serve, plot, robots, describe, new_robot, check, doctor):
+for command in (demo, view, run, record, serve, plot, robots, describe, new_robot, touches, check, doctor):
     app.command(command.__name__.replace("_", "-"))(command)
 app.add_typer(skin_app, name="skin")
 app.add_typer(fault_app, name="fault")

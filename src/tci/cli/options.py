@@ -79,6 +79,22 @@ Faults = Annotated[
         "tci fault list."
     ),
 ]
+Touches = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--touch",
+        help="A person touches a simulated robot: KIND PLACE, and if known force, speed, duration and onset, "
+        "e.g. \"stroke 'left forearm' 0.2..0.8 3N 8cm/s 2s @0.5s\"; repeat for several. Kinds and places: "
+        "tci touches ROBOT.",
+    ),
+]
+TouchFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--touches",
+        help="A file with a sequence of touches: BIDS events (.tsv), ELAN (.eaf, .txt) or BORIS (.csv).",
+    ),
+]
 RecordingFile = Annotated[Path, typer.Argument(help="Recording (.mcap).")]
 NewRecording = Annotated[Path, typer.Argument(help="Recording to write (.mcap), a new file.")]
 NewGesture = Annotated[Path, typer.Argument(help="Gesture to write (.csv), a new file.")]

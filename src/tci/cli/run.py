@@ -11,7 +11,7 @@ import typer
 
 from tci.cli import completion
 from tci.cli.console import console, print_json, told_here
-from tci.cli.options import Arm, AsJson, Duration, Faults, RobotName, Via
+from tci.cli.options import Arm, AsJson, Duration, Faults, RobotName, Touches, TouchFile, Via
 from tci.errors import CommandError
 
 if TYPE_CHECKING:
@@ -36,6 +36,8 @@ def run(
         bool,
         typer.Option("--poke", help="Poke a simulated robot: the skin that the capability needs."),
     ] = False,
+    touch: Touches = None,
+    touches: TouchFile = None,
     fault: Faults = None,
     record: Annotated[Path | None, typer.Option(help="Record the run in this new file (.mcap).")] = None,
     film: Annotated[
@@ -53,6 +55,8 @@ def run(
 
     Example:  tci run withdrawal nao --duration 1 --poke --fault stall@0.32
 
+    Example:  tci run withdrawal icub --touch "stroke 'left forearm' 3N 8cm/s"
+
     Example:  tci run withdrawal nao --via replay:touch.mcap
     """
     run_capability(
@@ -62,6 +66,8 @@ def run(
         duration=duration,
         arm=arm,
         poke=poke,
+        touch=touch or [],
+        touches=touches,
         faults=fault or [],
         record=record,
         film=film,
@@ -77,6 +83,8 @@ def run_capability(
     duration: float | None = None,
     arm: bool = False,
     poke: bool = False,
+    touch: Sequence[str] = (),
+    touches: Path | None = None,
     faults: Sequence[str] = (),
     record: Path | None = None,
     film: Path | None = None,
@@ -93,6 +101,8 @@ def run_capability(
         duration: Duration [s] of the run; None runs until Ctrl-C.
         arm: True to allow a real robot to move.
         poke: True to poke with the simulated finger (`session.poke_skin`).
+        touch: Touches of people, each a line of words (`tci.touches.parse_touch`).
+        touches: File with a sequence of touches.
         faults: Faults to inject, NAME@TIME or NAME@TIME:DURATION [s].
         record: Path of the recording to write; None for no recording.
         film: Path of the film to write; None for no film.
@@ -108,6 +118,7 @@ def run_capability(
     from tci.cli.bare import tell_bare, tell_lacks
     from tci.cli.operator import Operator
     from tci.cli.run_view import RunView, conclude
+    from tci.cli.touching import ask
     from tci.drivers.info import HARMLESS
     from tci.drivers.registry import connect
     from tci.lab.faults.fault_injector import parse_fault
@@ -118,7 +129,10 @@ def run_capability(
     plans = [parse_fault(fault) for fault in faults]
     if rehearsal:
         duration = sessions.rehearsal_length(plans)
-    driver = connect(load_robot(robot), via, arm=arm or via.partition(":")[0] in HARMLESS)
+    described = load_robot(robot)
+    asked = ask(described, touch, touches)
+    options = {} if asked is None else asked.options(via)
+    driver = connect(described, via, arm=arm or via.partition(":")[0] in HARMLESS, **options)
     view = RunView(quiet=as_json)
     with driver, told_here(), ExitStack() as closing:
         recorder = None
@@ -135,6 +149,11 @@ def run_capability(
                 words = f"pokes {poked}" if poked else f"finds no skin on {driver.robot.name} to poke"
                 console.print(f"the simulated finger {words}", style="dim")
                 tell_bare(driver.robot)
+        if asked is not None:
+            asked.begin(driver)
+            duration = asked.end if duration is None else duration
+            if not as_json:
+                asked.tell()
         filmed = _film(driver, film, poked, quiet=as_json) if film is not None else None
 
         operator = Operator(driver.gate)
@@ -160,8 +179,10 @@ def run_capability(
         if not as_json:
             console.print(f"film {film}: {pictures} pictures", highlight=False, markup=False)
     if as_json:
-        print_json(session.to_json())
+        print_json(session.to_json() | ({} if asked is None else asked.to_json(driver)))
     else:
+        for words in () if asked is None else asked.missed(driver):
+            console.print(f"a hand did not touch at {words}", style="yellow", highlight=False, markup=False)
         conclude(session, filmed=filmed is not None)
         result = session.result
         if result is not None and result.touched and not (missing or result.accepted or result.refusals):

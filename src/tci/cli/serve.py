@@ -9,7 +9,7 @@ import typer
 
 from tci.cli import completion
 from tci.cli.console import console, print_json, told_here
-from tci.cli.options import Arm, AsJson, Duration, RobotName
+from tci.cli.options import Arm, AsJson, Duration, RobotName, Touches, TouchFile
 
 if TYPE_CHECKING:
     from tci.runtime.loop import Tick
@@ -33,6 +33,8 @@ def serve(
         ),
     ] = "sim",
     arm: Arm = False,
+    touch: Touches = None,
+    touches: TouchFile = None,
     duration: Duration = None,
     as_json: AsJson = False,
 ) -> None:
@@ -40,9 +42,15 @@ def serve(
     commands. A real robot moves only with --arm. Without --arm, the other programs can only read the robot's
     data. The exit status is 1 if the gate is stopped at the end. While it runs, type reset or free.
 
+    With --touch or --touches, people touch a simulated robot again and again, so that behaviours of other
+    programs can be tried.
+
     Example:  tci serve nao --via zenoh
+
+    Example:  tci serve nao --via zenoh --touch "stroke 'left forearm' 3N 8cm/s"
     """
     from tci.cli.operator import HINT, Operator
+    from tci.cli.touching import ask
     from tci.drivers.info import HARMLESS
     from tci.drivers.registry import connect, open_server
     from tci.gate.gate import GateState
@@ -52,10 +60,13 @@ def serve(
     from tci.runtime.serve import Served
     from tci.runtime.serve import serve as serve_robot
 
+    described = load_robot(robot)
+    asked = ask(described, touch or [], touches)
     options = {"paced": True} if source == "sim" else {}
+    options |= {} if asked is None else asked.options(source)
     arm = arm or source.partition(":")[0] in HARMLESS
     report, served, reasons = LoopReport(), Served(), ReasonCounter()
-    opened = connect(load_robot(robot), source, arm=arm, **options)
+    opened = connect(described, source, arm=arm, **options)
     with opened as driver, open_server(driver, via) as server, told_here():
         if not as_json:
             words = f"serving {driver.robot.name} as {server.where()}; end with Ctrl-C"
@@ -63,9 +74,15 @@ def serve(
 
         operator = Operator(driver.gate)
         stopped = False
+        if asked is not None and not as_json:
+            asked.tell()
+        again = -1.0
 
         def see(tick: Tick) -> None:
-            nonlocal stopped
+            nonlocal stopped, again
+            if asked is not None and tick.now > again:
+                asked.begin(driver)
+                again = tick.now + asked.end
             for words in operator.listen():
                 console.print(f"{tick.now:10.3f} s  {words}", highlight=False, markup=False)
             if tick.sent.state is GateState.STOP and not stopped and operator.present:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tci.body.generic_body import GenericBody
 from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
 from tci.messages import JointReading, Mode, SkinFrame
 from tci.messages.frames import Array
@@ -19,6 +20,7 @@ from tci.robot.joint_map import joint_map
 from tci.robot.like import RobotLike, as_robot
 from tci.simulation.finger import RADIUS, Finger
 from tci.simulation.hand import Hand, Hands, Person, PersonModel
+from tci.simulation.hand_path import APPROACH
 from tci.simulation.imperfection import Imperfection
 from tci.simulation.joint_torques import JointTorques
 from tci.simulation.physics import Physics, exclusive
@@ -27,8 +29,13 @@ from tci.simulation.scene import build_scene
 from tci.simulation.servos import Servos
 from tci.simulation.taxels import Taxels
 from tci.simulation.touch import ContactTruth, contact_truth
+from tci.simulation.touching import hands_of, paths_of, people_needed
 from tci.skin.surfaces import Surface, surfaces_of
 from tci.support.engine import mujoco
+from tci.touches.kinds import Kind
+from tci.touches.person import Person as TouchingPerson
+from tci.touches.planned_touch import PlannedTouch, plan
+from tci.touches.touch import Touch
 
 MIDDLEWARE = "sim"
 MAX_STEP = 0.005
@@ -138,6 +145,41 @@ class World:
         if name not in self._people:
             raise UnknownNameError("person", name, self._people)
         return self._people[name]
+
+    @exclusive
+    def touch(
+        self,
+        touches: Touch | str | Iterable[Touch | str],
+        *,
+        persons: Mapping[str, TouchingPerson] | None = None,
+        kinds: Mapping[str, Kind] | None = None,
+        seed: int = 0,
+    ) -> tuple[PlannedTouch, ...]:
+        """Has the people do touches such as `"stroke 'left forearm' 3N 8cm/s"`, and returns what they do.
+
+        Onsets count from now; a hand needs a quarter of a second to come, so if one is earlier, all touches
+        begin that much later. Raises the errors of `tci.touches.plan`, and CommandError if the world has too
+        few people, or if a hand is at work already.
+        """
+        planned = plan(
+            GenericBody(self.robot), touches, persons=persons, kinds=kinds, joints=self.joints(), seed=seed
+        )
+        self.touch_as_planned(planned)
+        return planned
+
+    @exclusive
+    def touch_as_planned(self, planned: Sequence[PlannedTouch]) -> None:
+        """Has the people do touches that are planned already. Raises the errors of `touch`."""
+        needed = people_needed(planned)
+        if needed > len(self._people):
+            raise CommandError(
+                f"these touches need {needed} people at once, this world has {len(self._people)}; valid: "
+                f"World(..., people={min(needed, MOST_PEOPLE)}), at most {MOST_PEOPLE}"
+            )
+        late = max(0.0, APPROACH - min((one.onset for one in planned), default=APPROACH))
+        for number, one in hands_of(planned):
+            for k, path in enumerate(paths_of(self.robot, one)):
+                self._hand_list[number ^ k].touch(path, start=self.time + late + one.onset - APPROACH)
 
     @property
     def people(self) -> tuple[Person, ...]:

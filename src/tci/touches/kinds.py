@@ -54,7 +54,8 @@ class Kind:
     gap_s: Range
     """Time between two pulses [s]."""
     radius_mm: Range
-    """Radius of a pad [mm]; its pressure is a Gaussian of two thirds of this width."""
+    """Radius of a pad [mm]; its pressure is a Gaussian of two thirds of this width. A palm presses with the
+    balls of its fingers and its heel, not evenly, so these are smaller than a hand."""
     force_N: Range
     """Force of all pads together [N]: the peak of a pulse, else the steady force."""
     way_mm: Range

@@ -22,8 +22,8 @@ from tci.touches.touch import FORCES, Touch, parse_touch
 
 DT = 0.005
 """Time [s] between two samples of a plan. Assumed: the shortest blow takes six times as long."""
-PAUSE = 0.5
-"""Time [s] between two touches whose onsets are not given."""
+PAUSE = 0.6
+"""Time [s] between two touches whose onsets are not given. A simulated hand needs 0.5 s to go and come."""
 APART = 0.018
 """Distance [m] between the middles of two fingers. Assumed: an adult's."""
 _SHARP = 0.7

@@ -1,0 +1,99 @@
+"""The options `--touch` and `--touches`: people who touch a simulated robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tci.cli.console import console
+from tci.drivers.driver import Driver
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import CommandError
+from tci.robot.description import Robot
+from tci.touches.laid import LaidTouches
+from tci.touches.planned_touch import PlannedTouch
+
+AFTER = 1.5
+"""Time [s] for which a run goes on after the last touch, if --duration does not say it: the time of a
+withdrawal and of the way back. Assumed."""
+FELT = 0.2
+"""Fraction of a touch on taxels below which it is told that the robot feels little of it. Assumed: contacts
+are not corrected for less (the least fill factor is 0.15)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Asked:
+    """Touches that a command asked for, planned on its robot."""
+
+    robot: Robot
+    planned: tuple[PlannedTouch, ...]
+    shares: tuple[float, ...]
+    """Fraction of each touch that falls on taxels."""
+    people: int
+    """Number of people that it takes."""
+
+    @property
+    def end(self) -> float:
+        """Time [s] after the start at which a run may end."""
+        return max(one.end for one in self.planned) + AFTER
+
+    def begin(self, driver: Driver) -> None:
+        assert isinstance(driver, SimulatedDriver)  # `options` refuses others
+        driver.world.touch_as_planned(self.planned)
+
+    def options(self, via: str) -> dict[str, Any]:
+        """Options of the driver. Raises CommandError if the robot is not simulated."""
+        if via != "sim":
+            raise CommandError(f"--touch and --touches need a simulated robot, not {via}; valid: --via sim")
+        return {"people": self.people}
+
+    def tell(self) -> None:
+        """Prints one line for each touch, and what the robot can't feel of it."""
+        for one, share in zip(self.planned, self.shares, strict=True):
+            lasts = f"{one.peak:.3g} N for {one.end - one.onset:.2f} s"
+            words = f"{one.onset:8.3f} s  {one.kind.name} {one.touch.place}, on {one.patch}: {lasts}"
+            console.print(words, style="dim", highlight=False, markup=False)
+            if share < FELT and not self.robot.patch(one.patch).through_joints:
+                name = self.robot.name
+                words = (
+                    f"only {100 * share:.0f} % of it falls on taxels; places with skin: tci touches {name}"
+                )
+                console.print(words, style="yellow", highlight=False, markup=False)
+
+    def missed(self, driver: Driver) -> list[str]:
+        """Touches for which a hand found no room, with the reason."""
+        assert isinstance(driver, SimulatedDriver)
+        hands = [hand for person in driver.world.people for hand in person.hands]
+        return [f"{time:.3f} s: {reason}" for hand in hands for time, reason in hand.missed]
+
+    def to_json(self, driver: Driver) -> dict[str, Any]:
+        rows = [
+            {
+                "kind": one.kind.name, "place": one.touch.place, "patch": one.patch,
+                "onset_s": round(one.onset, 4), "end_s": round(one.end, 4), "force_N": round(one.peak, 4),
+                "on_taxels": round(share, 3),
+            }
+            for one, share in zip(self.planned, self.shares, strict=True)
+        ]  # fmt: skip
+        return {"touches": rows, "missed_touches": self.missed(driver)}
+
+
+def ask(robot: Robot, words: Sequence[str], file: Path | None) -> Asked | None:
+    """The touches of both options on a robot; None if neither is given. Raises the errors of `read_touches`
+    and `plan`."""
+    if not words and file is None:
+        return None
+    from tci.body.generic_body import GenericBody
+    from tci.simulation.touching import people_needed
+    from tci.touches.events import kinds_beside, read_touches
+    from tci.touches.kinds import KINDS
+    from tci.touches.planned_touch import plan
+
+    body, kinds = GenericBody(robot), KINDS if file is None else kinds_beside(file)
+    read = () if file is None else read_touches(file, body=body, kinds=kinds)
+    planned = plan(body, [*read, *words], kinds=kinds)
+    laid = LaidTouches(body, planned)
+    shares = tuple(laid.share(number) for number in range(len(planned)))
+    return Asked(robot, planned, shares, people_needed(planned))

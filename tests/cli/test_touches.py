@@ -1,0 +1,39 @@
+"""`tci run --touch` and `--touches`, `tci touches`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from helpers.command_line import tci
+from tci.touches import Touch, write_touches
+
+STROKE = "stroke 'left forearm back' 0.3..0.7 3N 8cm/s"
+
+
+def test_a_line_and_a_file_touch_one_after_another(tmp_path: Path) -> None:
+    write_touches(tmp_path / "visit.tsv", [Touch("press", "right forearm outside", 0.5, 0.5, force=6.0)])
+    told = json.loads(
+        tci("run", "withdrawal", "g1", "--touch", STROKE, "--touches", str(tmp_path / "visit.tsv"), "--json")
+    )
+    press, stroke = told["touches"]
+    assert (press["kind"], press["force_N"], stroke["kind"]) == ("press", 6.0, "stroke")
+    assert stroke["onset_s"] > press["end_s"]
+    assert told["missed_touches"] == []
+    assert set(told["touched_N"]) == {"left_forearm", "right_forearm"}
+
+
+def test_what_can_not_be_done_is_told() -> None:
+    words = tci("run", "withdrawal", "nao", "--touch", "stroke belly", status=1).replace("\n", " ")
+    assert "no skin of nao at a place named 'belly'" in words
+    assert "back of left hand" in words
+    refused = tci("run", "withdrawal", "nao", "--via", "replay:x.mcap", "--touch", STROKE, status=1)
+    assert "need a simulated robot" in refused.replace("\n", " ")
+
+
+def test_kinds_and_places_are_listed() -> None:
+    told = json.loads(tci("touches", "nao-plain", "--json"))
+    assert {"stroke", "squeeze", "hug"} < set(told["kinds"])
+    assert {"top of head", "back of left hand"} <= set(told["places"])
+    assert "torso" in told["parts_without_skin"]
+    assert "--measure needs a robot" in tci("touches", "--measure", status=1)

@@ -151,6 +151,7 @@ def run_capability(
                 tell_bare(driver.robot)
         if asked is not None:
             asked.begin(driver)
+            poked = asked.planned[0].patch
             duration = asked.end if duration is None else duration
             if not as_json:
                 asked.tell()

@@ -158,3 +158,31 @@ def test_31_a_declared_length_takes_no_memory(size: int, tmp_path: Path) -> None
     file.write_bytes(b"\x89MCAP0\r\n\x06" + struct.pack("<Q", len(chunk)) + chunk)
     with pytest.raises(RecordingError, match=r"valid|no recording"):
         list(Recording(file).ticks())
+
+
+def test_what_lies_before_and_after_a_damaged_chunk_is_read_and_what_is_lost_is_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "a.mcap"
+    write(path, 4000)
+    raw, all_of_it = path.read_bytes(), made_up(4000)
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    places = [one.chunk_start_offset + one.chunk_length // 2 for one in summary.chunk_indexes]
+    assert len(places) >= 3
+    random = np.random.default_rng(3)
+    for place in places:
+        damaged = bytearray(raw)
+        damaged[place] ^= 1 << int(random.integers(8))
+        path.write_bytes(damaged)
+        caplog.clear()
+        recording = Recording(path)
+        found = {tick.now: tick.reading for tick in recording.ticks()}
+        assert len(recording.lost) == 1
+        assert caplog.messages == [f"{path}: {recording.lost[0]}; the rest is read"]
+        lost = [now for now, _ in all_of_it if now not in found]
+        begin, end = recording.lost[0].begin, recording.lost[0].end
+        assert begin - 0.05 <= min(lost) <= max(lost) <= end + 0.05
+        for now, reading in all_of_it:
+            assert now not in found or equal_readings(found[now], reading)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -35,6 +36,7 @@ def info(file: RecordingFile, as_json: AsJson = False) -> None:
         "file": str(file),
         "bytes": file.stat().st_size,
         "complete": recording.complete,
+        "lost": [asdict(one) for one in recording.lost],
         "periods": len(times),
         "from_s": times[0] if times else None,
         "to_s": times[-1] if times else None,
@@ -48,6 +50,8 @@ def info(file: RecordingFile, as_json: AsJson = False) -> None:
     span = f"{times[0]:.3f} to {times[-1]:.3f} s" if times else "empty"
     head = f"[bold]{escape(file.name)}[/]  {whole['bytes'] / 1e6:.2f} MB, {len(times)} periods"
     console.print(f"{head}, {span}, {state}", highlight=False)
+    for lost in recording.lost:
+        console.print(f"  {lost}; the rest is read", style="yellow", highlight=False, markup=False)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("topic")
     table.add_column("messages", justify="right")

@@ -1,5 +1,5 @@
-"""Reads recordings from untrusted sources. A recording may be complete, or cut off because a process was
-killed.
+"""Reads recordings from untrusted sources. A recording may be complete, cut off because a process was killed,
+or damaged in some of its chunks: what lies before and after these is read, and what is lost is told.
 
 Nothing in the file is trusted. Sizes are checked before memory is allocated, only the messages of `schemas`
 are decoded, and nothing in the file is executed.
@@ -8,15 +8,18 @@ are decoded, and nothing in the file is executed.
 from __future__ import annotations
 
 import io
+import logging
 import struct
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import zstandard
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
+from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 
@@ -39,6 +42,7 @@ from tci.recording.schemas import (
     to_joints,
 )
 
+_log = logging.getLogger("tci")
 VALID = "valid: a recording of TCI (.mcap), as from tci record or tci run --record"
 """End of each error message about a file that is not a whole recording."""
 LARGEST = 64 * 2**20
@@ -68,6 +72,20 @@ class RecordedTick:
     """
 
 
+@dataclass(frozen=True, slots=True)
+class LostChunk:
+    """A part of a recording that can't be unpacked."""
+
+    begin: float
+    """Time [s] of its first message, on the recording's clock."""
+    end: float
+    """Time [s] of its last message."""
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.begin:.3f} to {self.end:.3f} s can't be read: {self.reason}"
+
+
 @dataclass(slots=True)
 class _State:
     """Latest joint data and skin frames before a position in the file, while the file is read."""
@@ -76,6 +94,10 @@ class _State:
     gravity: Array | None = None
     frames: dict[int, SkinFrame] = field(default_factory=dict)
     reading: JointReading | None = None
+
+    def has(self, tick: dict[str, Any]) -> bool:
+        """True if everything that a period needs was read since the last damaged part."""
+        return self.joints is not None and self.frames.keys() >= {*tick["skin"].tolist()}
 
 
 class Recording:
@@ -88,12 +110,16 @@ class Recording:
         Raises FileNotFoundError and other OSError if the file can't be opened.
         """
         self.path = Path(path)
+        self._told: set[LostChunk] = set()
         self.about: dict[str, str] = {}
         """Metadata, for example robot, description_sha256, middleware, period_s, begun, versions and
         capability."""
         self.complete = False
         """True if the recording was completed (`Recorder.close`). The value is valid only after the file has
         been read to its end."""
+        self.lost: tuple[LostChunk, ...] = ()
+        """Damaged parts, as far as the file has been read. Periods that need data of such a part are left
+        out. Each part is also logged, once."""
         for record in self._records():
             if isinstance(record, Metadata) and record.name == "tci":
                 self.about = dict(record.metadata)
@@ -152,9 +178,9 @@ class Recording:
         return dict(counted)
 
     def ticks(self) -> Iterator[RecordedTick]:
-        """Yields every complete period, in the order of the file. Raises RecordingError at the first invalid
-        data."""
-        state = _State()
+        """Yields every complete period, in the order of the file, but for those that need data of a damaged
+        part. Raises RecordingError at the first invalid data."""
+        state, lost = _State(), 0
         waiting: tuple[float, Reading] | None = None
         commands: list[dict[str, Any]] = []
         decision: dict[str, Any] | None = None
@@ -162,7 +188,11 @@ class Recording:
             if waiting is not None and kind in (JOINTS, IMU, SKIN, TICK):
                 yield RecordedTick(*waiting, tuple(commands), decision)
                 waiting, commands, decision = None, [], None
+            if len(self.lost) > lost:
+                state, lost, waiting, commands, decision = _State(), len(self.lost), None, [], None
             fields = decode(kind, data)
+            if waiting is None and kind.name in (DECISION.name, COMMAND.name):
+                continue  # of a period that is lost
             if kind.name == DECISION.name:
                 decision = fields
             elif kind is JOINTS:
@@ -173,7 +203,7 @@ class Recording:
                 state.frames[fields["number"]] = to_frame(fields)
             elif kind.name == COMMAND.name:
                 commands.append(fields)
-            else:
+            elif not lost or state.has(fields):
                 waiting = fields["now"], self._reading(state, fields)
         if waiting is not None:
             yield RecordedTick(*waiting, tuple(commands), decision)
@@ -216,7 +246,7 @@ class Recording:
 
         Stops at the end of the file, or at the byte where the file was cut off.
         """
-        self.complete = False
+        self.complete, self.lost = False, ()
         with _Bounded(io.FileIO(self.path)) as file:
             limit = min(LARGEST, self.path.stat().st_size)
             # Channels and schemas are repeated after the data, which has no effect.
@@ -236,8 +266,13 @@ class Recording:
         for record in records:
             if isinstance(record, Chunk):
                 _check_chunk(record)
-                stream, length = get_chunk_data_stream(record, validate_crc=True)
-                data = io.BytesIO(stream.read(length))
+                try:
+                    stream, length = get_chunk_data_stream(record, validate_crc=True)
+                    data = io.BytesIO(stream.read(length))
+                except (McapError, CRCValidationError, zstandard.ZstdError) as error:
+                    self._lose(record, str(error))
+                    yield from self._definitions()
+                    continue
                 try:
                     yield from _Records(data, skip_magic=True, emit_chunks=True).records
                 except EndOfFile:
@@ -246,6 +281,24 @@ class Recording:
             else:
                 yield record
                 self.complete |= isinstance(record, Footer)
+
+    def _lose(self, chunk: Chunk, reason: str) -> None:
+        lost = LostChunk(chunk.message_start_time * 1e-9, chunk.message_end_time * 1e-9, reason)
+        self.lost = (*self.lost, lost)
+        if lost not in self._told:
+            self._told.add(lost)
+            _log.warning(f"{self.path}: {lost}; the rest is read")
+
+    def _definitions(self) -> Iterator[Schema | Channel]:
+        """Schemas and channels as the end of the file repeats them, since the first chunk has the only
+        others. None if the end is missing."""
+        with suppress(McapError, EndOfFile, struct.error, ValueError), _Bounded(io.FileIO(self.path)) as file:
+            summary = SeekingReader(
+                file, record_size_limit=min(LARGEST, self.path.stat().st_size)
+            ).get_summary()
+            if summary is not None:
+                yield from summary.schemas.values()
+                yield from summary.channels.values()
 
 
 class _Records(StreamReader):

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from helpers.skin_data import SkinData
 from tci.cli import skin_check
 from tci.cli.main import app
-from tci.lab.authoring.check_skin import check_skins
+from tci.lab.authoring.check_skin import check_skins, spans
 from tci.lab.authoring.registration import link_surface, register
 from tci.messages.frames import apply, rotation_rpy, transform
 from tci.robot.catalogue import load_robot
@@ -122,3 +122,17 @@ def test_half_a_question_is_refused(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["skin", "check", "icub", "--link", "chest"])
     assert result.exit_code == 1
     assert "--file and --link need each other" in str(result.exception)
+
+
+def test_a_sleeve_is_measured_against_both_links_that_it_covers() -> None:
+    """On most arms the forearm's surface is that of two links, before and after its roll."""
+    robot = load_robot("g1")
+    rows = {row["skin"]: row for row in check_skins(robot)}
+    assert {row["verdict"] for row in rows.values()} == {"fits"}
+    assert rows["left_forearm"]["link"].split()[:2] == ["left_elbow_link", "left_wrist_roll_link"]
+    # A person sees the wrist's housing under the far third of the sleeve.
+    (told,) = (note for note in spans(robot) if note.startswith("left_forearm"))
+    assert "lies over left_wrist_roll_link, which turns against left_elbow_link" in told
+    off = robot.patch("left_forearm").model_copy(update={"xyz": (0.0, 0.1, 0.0)})
+    (row,) = check_skins(robot.model_copy(update={"patches": (off,)}))
+    assert row["verdict"] == "wrong"

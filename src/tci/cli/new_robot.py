@@ -113,6 +113,7 @@ def new_robot(
     """
     from tci.cli.check import remarks
     from tci.cli.skin_find import pads_as_json
+    from tci.lab.authoring.check_skin import spans
     from tci.lab.authoring.find_pads import find_pads
     from tci.lab.authoring.left_out import left_out
     from tci.lab.authoring.pad_patches import table_of
@@ -162,7 +163,7 @@ def new_robot(
             target.with_name(f"{pad.name}.csv").write_text(table_of(pad), encoding="utf-8")
     target.write_text(text, encoding="utf-8")
     robot = read_robot(target)
-    found, notes = _found(robot), [*left_out(robot), *assumed_skins(robot), *remarks(robot)]
+    found, notes = _found(robot), [*left_out(robot), *assumed_skins(robot), *spans(robot), *remarks(robot)]
     if as_json:
         about = {"robot": name, "file": str(target), "found": found, "remarks": notes}
         print_json({**about, "skin": pads_as_json(pads)})

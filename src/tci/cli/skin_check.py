@@ -21,8 +21,8 @@ def check(
     link: Annotated[str | None, typer.Option(help="Link that carries the skin of the file.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Measure the distances between taxels and the surface of the link that carries the taxels. If the frame
-    of the taxels is wrong, compute the correction of the frame.
+    """Measure the distances between taxels and the surface of the links that carry them: a sleeve may lie
+    over two links. If the frame of the taxels is wrong, compute the correction of the frame.
 
     The exit status is 1 if a skin does not fit its link.
 
@@ -62,7 +62,8 @@ def _table(robot: str, rows: list[dict[str, Any]]) -> Table:
     for row in rows:
         numbers = ["", "", ""]
         if "mean_mm" in row:
-            numbers = [f"{row['mean_mm']:.2f}", f"{row['max_mm']:.1f}", f"{row['correction']['mean_mm']:.2f}"]
+            corrected = f"{row['correction']['mean_mm']:.2f}" if "correction" in row else ""
+            numbers = [f"{row['mean_mm']:.2f}", f"{row['max_mm']:.1f}", corrected]
         verdict = f"[{colours[row['verdict']]}]{row['verdict']}[/]"
         table.add_row(row["skin"], row["link"], str(row["taxels"]), *numbers, verdict)
     return table
@@ -72,6 +73,8 @@ def _advise(row: dict[str, Any]) -> None:
     """Prints the correction of a skin with a wrong frame, or the reason why no correction was found."""
     if row["verdict"] == "not checked":
         console.print(f"{row['skin']}: {row['reason']}", style="yellow", highlight=False, markup=False)
+    elif row["verdict"] == "wrong" and "correction" not in row:
+        console.print(f"{row['skin']}: it is off {row['link']}", highlight=False, markup=False)
     elif row["verdict"] == "wrong" and row["correction"]["mends"]:
         pose = row.get("mount", row["correction"])
         xyz = " ".join(f"{value:.4f}" for value in pose["xyz_m"])

@@ -16,8 +16,10 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from tci.errors import CommandError, DescriptionError, Fault
-from tci.messages.frames import Array, apply, read_only, transform
+from tci.messages.frames import Array, apply, invert, read_only, transform
 from tci.robot.description import Model, Robot
+from tci.robot.joint_map import initial_position
+from tci.robot.kinematics import KinematicChain
 from tci.robot.model_file import compiled, load_spec
 from tci.support.engine import mujoco
 
@@ -103,20 +105,27 @@ def _compiled(file: Model) -> mujoco.MjModel:
 
 
 @lru_cache(maxsize=8)
-def link_surface(robot: Robot, link: str) -> LinkSurface:
-    """Returns the surface of a link. Raises DescriptionError if the robot has no model or the link no
-    mesh."""
+def link_surface(robot: Robot, *links: str, frame: str | None = None) -> LinkSurface:
+    """Returns the surface of several links together in the initial posture, in the frame of the link `frame`
+    or else of the first. Raises DescriptionError if the robot has no model or the links no mesh."""
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, "no <model>: a surface needs a URDF or MJCF file")])
     model = _compiled(robot.model)
     names = [model.body(index).name for index in range(model.nbody)]
+    own = frame or links[0]
+    poses = KinematicChain(robot).poses(initial_position(robot), [own, *links])
+    T_LR = invert(poses[own])
     meshes = [
-        _mesh(model, geom)
+        apply(T_LR @ poses[names[model.geom_bodyid[geom]]], _mesh(model, geom).reshape(-1, 3)).reshape(
+            -1, 3, 3
+        )
         for geom in range(model.ngeom)
-        if names[model.geom_bodyid[geom]] == link and model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH
+        if names[model.geom_bodyid[geom]] in links and model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH
     ]
     if not meshes:
-        fault = f"link {link!r} has no mesh to compare with; valid: a link of the model that has one"
+        fault = (
+            f"link {' '.join(links)!r} has no mesh to compare with; valid: a link of the model that has one"
+        )
         raise DescriptionError(robot.model.path, [Fault(0, fault)])
     corners = np.concatenate(meshes)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

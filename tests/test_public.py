@@ -117,6 +117,8 @@ ROBOTS: dict[str, Callable[[Any, Path], Any]] = {
     ).gesture.postures["head"],
     "query": lambda robot, _: BY_NAME["query"](robot).model_dump_json(),
     "to_urdf": lambda robot, _: BY_NAME["to_urdf"](robot),
+    "skin_to_urdf": lambda robot, _: BY_NAME["skin_to_urdf"](robot),
+    "skin_to_mjcf": lambda robot, _: BY_NAME["skin_to_mjcf"](robot),
     "initial_position": lambda robot, _: BY_NAME["initial_position"](robot),
     "KinematicChain": lambda robot, _: BY_NAME["KinematicChain"](robot).links,
     "Gravity": lambda robot, _: BY_NAME["Gravity"](robot).masses,

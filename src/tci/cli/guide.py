@@ -32,6 +32,7 @@ NEXT = {
     "skin mount": "tci skin locate nao --patch left_forearm",
     "skin locate": "tci skin check icub",
     "skin calibrate": "tci doctor nao",
+    "skin export": "tci skin find g1-inspire_skin.xml",
     "skin show": "tci skin fit icub",
     "fault list": "tci demo --fault stall@0.32",
     "gesture record": "tci gesture play wave.csv icub",

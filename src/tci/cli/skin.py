@@ -1,4 +1,4 @@
-"""`tci skin`: finds, fits, checks, mounts, locates, calibrates and draws skins."""
+"""`tci skin`: finds, fits, checks, mounts, locates, calibrates, exports and draws skins."""
 
 from __future__ import annotations
 
@@ -12,13 +12,16 @@ from tci.cli.console import console, print_json
 from tci.cli.options import AsJson
 from tci.cli.skin_calibrate import calibrate
 from tci.cli.skin_check import check
+from tci.cli.skin_export import export
 from tci.cli.skin_find import find
 from tci.cli.skin_fit import fit
 from tci.cli.skin_locate import locate
 from tci.cli.skin_mount import mount
 
-app = typer.Typer(help="Find, fit, check, mount, locate, calibrate and draw skins.", no_args_is_help=True)
-for command in (find, fit, check, mount, locate, calibrate):
+app = typer.Typer(
+    help="Find, fit, check, mount, locate, calibrate, export and draw skins.", no_args_is_help=True
+)
+for command in (find, fit, check, mount, locate, calibrate, export):
     app.command()(command)
 
 

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from tci.exports.facts import RobotFacts as RobotFacts
     from tci.exports.facts import Taxel as Taxel
     from tci.exports.facts import query as query
+    from tci.exports.skin_models import skin_to_mjcf as skin_to_mjcf
+    from tci.exports.skin_models import skin_to_urdf as skin_to_urdf
     from tci.exports.tree import Inertia as Inertia
     from tci.exports.tree import KinematicLink as KinematicLink
     from tci.exports.urdf import to_urdf as to_urdf

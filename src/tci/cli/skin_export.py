@@ -1,0 +1,49 @@
+"""`tci skin export`: a robot's model with its skin, for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tci.cli.console import console, print_json
+from tci.cli.options import AsJson, RobotName
+from tci.errors import UnknownNameError
+
+KINDS = {"urdf": ".urdf", "mjcf": ".xml"}
+
+
+def export(
+    robot: RobotName,
+    to: Annotated[
+        str,
+        typer.Option(help="urdf: <sensor><tactile> of tactile_toolbox; mjcf: a site and <touch> per taxel."),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="File to write. \\[default: NAME_skin.urdf or .xml]")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Write a robot's model with its skin as URDF or MJCF, for other programs.
+
+    Example:  tci skin export g1-inspire --to mjcf
+    """
+    from tci.exports.skin_models import skin_to_mjcf, skin_to_urdf
+    from tci.robot.catalogue import load_robot
+    from tci.skin.surfaces import surfaces_of
+
+    if to not in KINDS:
+        raise UnknownNameError("format", to, list(KINDS))
+    found = load_robot(robot)
+    text = skin_to_urdf(found) if to == "urdf" else skin_to_mjcf(found)
+    target = out or Path(f"{found.name}_skin{KINDS[to]}")
+    target.write_text(text, encoding="utf-8")
+    worn = zip(found.patches, surfaces_of(found), strict=True)
+    taxels = sum(len(surface.positions) for patch, surface in worn if not patch.through_joints)
+    if as_json:
+        print_json({"file": str(target), "patches": len(found.skin), "taxels": taxels})
+        return
+    console.print(
+        f"wrote {target}: {len(found.skin)} patches, {taxels} taxels", highlight=False, markup=False
+    )

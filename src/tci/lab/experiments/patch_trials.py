@@ -14,7 +14,7 @@ from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.errors import TciError
 from tci.lab.experiments.body_trials import deaf
 from tci.lab.experiments.measure import measure
-from tci.lab.experiments.poke import Stimulus, poke_place
+from tci.lab.experiments.poke import DEEP, Stimulus, poke_place
 from tci.robot.description import Robot
 from tci.simulation.world import World
 from tci.skin.skin import Skin
@@ -64,12 +64,13 @@ def patch_trials_of(
         is_arm = robot.part(patch.part).kind == "arm"
         reflex, without = (arms, replace(arms, fields=())) if is_arm else (others, deaf(others))
         try:
-            held = poke_place(world, place, Stimulus(), reflex=without, seed=seed)
-            acted = poke_place(world, place, Stimulus(), reflex=reflex, seed=seed)
+            stimulus = DEEP if patch.through_joints else Stimulus()
+            held = poke_place(world, place, stimulus, reflex=without, seed=seed)
+            acted = poke_place(world, place, stimulus, reflex=reflex, seed=seed)
         # the finger has no room at this taxel, for example because another patch covers the taxel
         except TciError as error:
             yield PatchTrial(patch.name, patch.part, False, str(error), 0.0, 0.0)
             continue
         trial = measure(robot, patch.part, patch.name, acted, held)
-        reason = "; ".join(acted.notes)
+        reason = "; ".join(acted.notes) or ("" if acted.contacts else "the poke was not felt")
         yield PatchTrial(patch.name, patch.part, trial.responded, reason, acted.peak_force, held.peak_force)

@@ -36,6 +36,10 @@ class Stimulus:
     """Length of the trial [s]."""
 
 
+DEEP = Stimulus(depth=0.020)
+"""A poke of 16 N, for touches that are felt through joints: half of it is often not felt there."""
+
+
 @dataclass(slots=True)
 class Trace:
     """Record of a poke, with one sample per control period. All times are on the simulation's clock."""

@@ -22,7 +22,7 @@ from tci.lab.experiments.checker import command_violations, physics_violations
 from tci.lab.experiments.experiment import SIDES, trial_places, trials_of
 from tci.lab.experiments.measure import Trial
 from tci.lab.experiments.patch_trials import PatchTrial, patch_trials_of
-from tci.lab.experiments.poke import Stimulus
+from tci.lab.experiments.poke import DEEP, Stimulus
 from tci.messages import GenericCommand, Mode, PlatformCommand
 from tci.messages.frames import Array, angle_between, apply
 from tci.robot.description import GenericPart, Robot
@@ -49,6 +49,9 @@ SLOWEST = {50.0: 43.0, 100.0: 33.0}
 """Longest permitted time [ms] from touch to motion, by the frame rate [Hz] of the skin. The time consists of
 one frame period of the skin, and of 23 ms for gate and servo. Assumed: the robots in `tci demo` need less
 time."""
+CENTRE = 1.5
+"""Largest permitted error [mm] of the centre of pressure: iCub's taxels lie 6.5 mm apart, with gaps between
+the modules, and give up to 1.2 mm."""
 TARGETS, PACE = 8, 0.4
 """Number of random targets far outside the limits, and time [s] for each target. Assumed: an arm at full
 speed reaches a limit within this time."""
@@ -130,11 +133,12 @@ def prove(
         progress(f"skin, {touch.patch.replace('_', ' ')}")
     reflex = WithdrawalReflex()
     on_arms = not lacks(reflex, robot) and any(one.site is not None for one in trial_places(robot, reflex))
+    usual = Stimulus() if robot.skin else DEEP
     trials = []
     progress("reflexes")
     try:
         for trial in chain(
-            trials_of(robot, reflex, stimulus=stimulus or Stimulus(), seed=0) if on_arms else (),
+            trials_of(robot, reflex, stimulus=stimulus or usual, seed=0) if on_arms else (),
             body_trials_of(robot, body_reflex, stimulus=stimulus),
         ):
             trials.append(trial)
@@ -243,7 +247,10 @@ def limit_faults(robot: Robot) -> list[str]:
 
 
 def trial_faults(robot: Robot, trial: Trial) -> list[str]:
-    """Returns one sentence for each criterion of the demo that the poke `trial` does not meet."""
+    """One sentence for each criterion of the demo that the poke `trial` does not meet. Where touches are felt
+    through joints, nobody promises that a poke is felt, how soon and where: only limits count there."""
+    if any(patch.part == trial.part and patch.through_joints for patch in robot.patches):
+        return [*trial.violations, *trial.halts]
     rate = min(patch.rate for patch in robot.patches)
     slowest = SLOWEST.get(rate, 23.0 + 1e3 / rate)
     never = float("inf")
@@ -262,8 +269,8 @@ def trial_faults(robot: Robot, trial: Trial) -> list[str]:
         f"{trial.withdrawn_without_reflex_mm:.1f} mm; valid: at least 5 mm more": (
             trial.withdrawn_mm >= trial.withdrawn_without_reflex_mm + 5.0
         ),
-        f"error of the centre of pressure {trial.cop_error_mm} mm; valid: at most 1 mm": (
-            trial.cop_error_mm is not None and trial.cop_error_mm <= 1.0
+        f"error of the centre of pressure {trial.cop_error_mm} mm; valid: at most {CENTRE}": (
+            trial.cop_error_mm is not None and trial.cop_error_mm <= CENTRE
         ),
     }
     return [what for what, holds in checks.items() if not holds] + [*trial.violations, *trial.halts]

@@ -78,6 +78,7 @@ class Portrait:
         self._data = mujoco.MjData(self._model)
         self._fields = tuple(fields)
         self._full_scale = full_scale
+        self._hands = _hands(world, self._model)
         self._colours = _colours(world, self._model)
 
     def torso(self, moment: Moment) -> Array:
@@ -107,7 +108,7 @@ class Portrait:
             for servo in other.servos
             if servo.servo is not None
         }
-        left_out = [model.body(FINGER).id]
+        left_out = [model.body(FINGER).id, *self._hands]
         left_out += [model.joint(joint).bodyid.item() for joint in others if joint is not None]
         drawn = np.flatnonzero((self._colours[:, 3] > 0.0) & ~_below(model, left_out)[model.geom_bodyid])
         signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
@@ -122,6 +123,11 @@ class Portrait:
         """Returns MuJoCo's data with the poses at a moment. The next call changes the returned object."""
         data, seen = self._data, moment.data
         data.qpos[:], data.mocap_pos[:], data.mocap_quat[:] = seen.qpos, seen.mocap_pos, seen.mocap_quat
+        for pad in np.flatnonzero(np.isin(self._model.body_parentid, self._hands)).tolist():
+            # The simulation turns pads in its own model; each slides along its z axis from there.
+            slid = seen.qpos[self._model.jnt_qposadr[self._model.body_jntadr[pad]]] * seen.xmat[pad, 2::3]
+            self._model.body_pos[pad] = seen.xpos[pad] - seen.xpos[self._model.body_parentid[pad]] - slid
+            self._model.body_quat[pad] = seen.xquat[pad]
         mujoco.mj_kinematics(self._model, data)
         return data
 
@@ -172,15 +178,20 @@ class Portrait:
 
 def _colours(world: World, model: mujoco.MjModel) -> Array:
     """Returns the colours of the model's geoms. A link that carries the skin of a limb is dark as a whole,
-    and the finger is transparent."""
+    and the finger and hands are transparent."""
     colours = model_colours(model)
     limbs = [patch.name for patch in world.robot.patches if world.robot.limb_segment(patch)]
     bodies = [model.geom_bodyid[model.geom(skin_geom(name)).id] for name in limbs if name in world.surfaces]
     covered = np.isin(model.geom_bodyid, bodies) & (colours[:, 3] > 0.0)
     colours[covered] = (*SKIN_COLOUR, 1.0)
-    finger = _below(model, [model.body(FINGER).id])[model.geom_bodyid]
-    colours[finger, 3] = _FINGER_ALPHA
+    touching = _below(model, [model.body(FINGER).id, *_hands(world, model)])[model.geom_bodyid]
+    colours[touching, 3] = _FINGER_ALPHA
     return colours
+
+
+def _hands(world: World, model: mujoco.MjModel) -> list[int]:
+    """Bodies of the hands of all people."""
+    return [int(model.body(hand.name).id) for person in world.people for hand in person.hands]
 
 
 def _below(model: mujoco.MjModel, bodies: Sequence[int]) -> NDArray[np.bool_]:

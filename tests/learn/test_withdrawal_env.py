@@ -127,6 +127,22 @@ def test_same_seed_same_episode(env: WithdrawalEnv) -> None:
     assert episode(env, 5, stay) != episode(env, 6, stay)
 
 
+def test_a_person_touches_as_the_words_say_and_differently_in_each_episode() -> None:
+    env = WithdrawalEnv(
+        "g1", touches=["press 'left forearm' 0.5s", "hold 'left forearm' with both hands 0.5s"]
+    )
+    peaks = []
+    for seed in (1, 2, 3, 1):
+        seen, _ = env.reset(seed=seed)
+        steps = [env.step(seen["task"]) for _ in range(60)]
+        assert max(one[0]["contacts"][0, 4] for one in steps) > 0.3
+        peaks.append(max(one[4]["force"] for one in steps))
+    assert peaks[3] == peaks[0]
+    assert len(set(peaks)) == 3
+    with pytest.raises(TciError, match="no skin of g1 at a place named 'belly'"):
+        WithdrawalEnv("g1", touches=["press belly"])
+
+
 def test_noise_is_another_in_each_episode_and_the_same_for_a_seed() -> None:
     env = WithdrawalEnv(touch="taxels", noise=2.0, duration=0.1)
     seeds = (1, 2, 1, None, None)

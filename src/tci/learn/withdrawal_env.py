@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -27,9 +28,14 @@ from tci.robot.catalogue import load_robot
 from tci.robot.description import GenericPart, Robot
 from tci.robot.generic_arm import SEGMENTS
 from tci.runtime.control import Control
+from tci.simulation.hand_path import APPROACH
 from tci.simulation.poke_first import poke_first
+from tci.simulation.touching import people_needed
 from tci.simulation.world import World
 from tci.support.installed import needs
+from tci.touches.person import Person
+from tci.touches.planned_touch import plan
+from tci.touches.touch import Touch, parse_touch
 
 with needs("the environment tci/Withdrawal-v0", "gym"):
     import gymnasium
@@ -101,6 +107,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         part: str | None = None,
         mode: str = "position",
         touch: Literal["contacts", "taxels"] = "contacts",
+        touches: Sequence[str | Touch] = (),
         period: float = 0.02,
         duration: float = 1.5,
         rate: float = 100.0,
@@ -113,7 +120,9 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         """Creates the environment.
 
         `robot` is the name or description of a robot, and `part` a part with skin; None for the left arm, or
-        where it has none the next arm or part that has; arms without skin are logged. `period` [s] is the
+        where it has none the next arm or part that has; arms without skin are logged. With `touches` such as
+        `"stroke 'left forearm' 3N"` a person does one of them at random, instead of a poke by the finger;
+        forces, lengths and so on that they leave open are drawn for each episode. `period` [s] is the
         length of one step, `rate` [Hz] the rate of commands to the robot, `step` [s] the step of the physics
         simulation, and `noise` [counts] the noise of the skin. `camera` makes the pictures of `render`: a
         `Camera`, or its place as `module:name`, which is loaded when pictures are asked for. The default rate
@@ -157,7 +166,9 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         )
         self.body = GenericBody(self.robot)
         self._rate = rate
-        self.world = World(self.robot, step=step, noise=noise, period=1.0 / rate)
+        self._touches = [parse_touch(one) if isinstance(one, str) else one for one in touches]
+        people = max((people_needed(plan(self.body, one)) for one in self._touches), default=0)
+        self.world = World(self.robot, step=step, noise=noise, period=1.0 / rate, people=people)
         here, fields = self.world.joints(), default_fields()
         felt_at = touchable(self.body.skin, here, [one.place for one in fields], parts=(self.part.name,))
         self._sites = [fields[one.site] for one in felt_at if one.site is not None]
@@ -226,7 +237,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         velocity, distance = observation["velocity"], np.abs(observation["posture"] - self._task)
         effort, task = float(velocity @ velocity) / len(velocity), float(distance.sum()) / len(distance)
         reward = -took * (harm + EFFORT * effort + TASK * task)
-        info = {"harm": harm, "effort": effort, "task": task, "force": self.world.finger.force}
+        info = {"harm": harm, "effort": effort, "task": task, "force": self._force()}
         return observation, reward, False, self.time >= self.duration - 1e-9, info
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -243,8 +254,14 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
 
     def _poke(self) -> None:
         """Pokes a point near the centre of a random receptive field of the reflex, or where the part has no
-        such field, a random taxel."""
+        such field, a random taxel; or has a person do one of the given touches."""
         self._poked = True
+        if self._touches:
+            one = self._touches[int(self.np_random.integers(len(self._touches)))]
+            number = int(self.np_random.integers(2**31))
+            drawn = Person.drawn(one.person, seed=number)
+            self.world.touch(replace(one, onset=APPROACH), persons={one.person: drawn}, seed=number)
+            return
         skin, name, joints, chance = self.body.skin, self.part.name, self.driver.read().joints, self.np_random
         places: list[Touchable] = []
         if self._sites:
@@ -261,6 +278,11 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             places += [Touchable(name, place), *touchable(skin, joints, parts=(name,))]
         speed, depth = chance.uniform(*SPEED), chance.uniform(*DEPTH)
         poke_first(self.world, places, speed=speed, depth=depth)
+
+    def _force(self) -> float:
+        """Contact force [N] of the finger and of all hands."""
+        hands = (hand.force for person in self.world.people for hand in person.hands)
+        return self.world.finger.force + sum(hands)
 
     def _look(self) -> Perception:
         moment = self._control.observe()

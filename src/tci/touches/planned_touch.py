@@ -119,9 +119,8 @@ def _able(name: str, kinds: Mapping[str, Kind] | None) -> Kind:
 
 
 def _person(name: str, persons: Mapping[str, Person] | None) -> Person:
-    if not name:
-        return AVERAGE
-    return (persons or {}).get(name) or Person.drawn(name)
+    known = {"": AVERAGE, **(persons or {})}
+    return known[name] if name in known else Person.drawn(name)
 
 
 @dataclass(slots=True, eq=False)

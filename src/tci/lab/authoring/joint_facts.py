@@ -36,11 +36,11 @@ LOST = 1.0 / 3.0
 limb and carries its weight."""
 JERK = 100.0
 """Ratio of the proposed jerk limit to the proposed acceleration limit [1/s]."""
-TORQUE, FINGER_TORQUE, STRONGEST = 40.0, 1.0, 1e4
-"""Torques [N m]. TORQUE is the limit that a joint gets if the file has none; a joint of a finger gets
-FINGER_TORQUE instead. If a limit in the file is STRONGEST or more, it counts as a placeholder. A motor of a
-finger reaches about 1 N m; with 40 N m, the fingers of an Allegro hand pressed on a ball with 11 N before
-their skin reported the touch."""
+TORQUE, FINGER_TORQUE = (40.0, 1e4), (1.0, 10.0)
+"""Torque [N m] that a joint gets if the file has none, and the limit from which the file's is a placeholder:
+of any joint, and of a finger's joint, whose motor reaches about 1 N m. With 40 N m, the fingers of an Allegro
+hand pressed on a ball with 11 N before their skin reported the touch; with the 10 N m of Unitree's URDF, a
+finger of an Inspire hand with 19 N."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,11 +102,11 @@ def driven(joints: Sequence[Joint], facts: Mapping[str, JointFacts], needed: set
     return servos
 
 
-def proposed_limits(given: JointFacts, inertia: float, *, usual_torque: float = TORQUE) -> Limits:
+def proposed_limits(given: JointFacts, inertia: float, *, of_finger: bool = False) -> Limits:
     """Returns the proposed limits of a joint.
 
     Assumed values replace missing values and placeholders in the file. `inertia` [kg m2] is the largest
-    inertia that the joint carries. `usual_torque` [N m] replaces a missing torque limit.
+    inertia that the joint carries.
     """
     assumed = ["acceleration", "jerk"]
     lower, upper = given.lower, given.upper
@@ -117,8 +117,9 @@ def proposed_limits(given: JointFacts, inertia: float, *, usual_torque: float = 
     if not 0.0 < velocity < FASTEST:
         velocity = SPEED
         assumed.append("velocity")
-    if not 0.0 < torque < STRONGEST:
-        torque = usual_torque
+    usual, placeholder = FINGER_TORQUE if of_finger else TORQUE
+    if not 0.0 < torque < placeholder:
+        torque = usual
         assumed.append("torque")
     if given.damping * velocity > (left := LOST * (torque - given.friction)) > 0.0:
         velocity = left / given.damping

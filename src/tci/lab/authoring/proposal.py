@@ -16,9 +16,7 @@ from tci.lab.authoring.find_pads import Pad
 from tci.lab.authoring.hand_skin import hand_skin
 from tci.lab.authoring.initial_posture import check_reach, clear_of_body
 from tci.lab.authoring.joint_facts import (
-    FINGER_TORQUE,
     SLOWEST,
-    TORQUE,
     JointFacts,
     driven,
     proposed_limits,
@@ -146,11 +144,10 @@ def _servos(
     for part, joints in groups.items():
         for id, joint in enumerate(joint for joint in joints if joint in able):
             name = body.joints[joint].name
-            usual = FINGER_TORQUE if joint in of_fingers else TORQUE
             servos.append(
                 Servo(
                     index=len(servos), robot_part=part, id=id, name=name, joint=name,
-                    limits=proposed_limits(facts[name], float(inertia[joint]), usual_torque=usual),
+                    limits=proposed_limits(facts[name], float(inertia[joint]), of_finger=joint in of_fingers),
                     modes=(Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE),
                 )
             )  # fmt: skip

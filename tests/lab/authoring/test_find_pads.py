@@ -167,6 +167,14 @@ def test_sensors_of_tactile_toolbox(tmp_path: Path) -> None:
     assert {pad.name: pad.taxels for pad in find_pads(path).pads} == {"a": 256, "b": 1}
 
 
+def test_a_link_with_sensors_is_their_frame(tmp_path: Path) -> None:
+    found = mjcf(tmp_path, """
+      <worldbody><body name="hand"><geom size=".02"/><body name="palm_force_sensor" pos="0 0 .03">
+        <site name="t0" size=".005"/><site name="t1" pos=".01 0 0" size=".005"/></body></body></worldbody>
+      <sensor><touch name="t0" site="t0"/><touch name="t1" site="t1"/></sensor>""")  # fmt: skip
+    assert [pad.name for pad in found.pads] == ["t0", "t1"]
+
+
 PEERS = {  # where the model lies in its package, and how many pads a person counts in it
     "gymnasium_robotics/envs/assets/hand/manipulate_block_touch_sensors.xml": 92 + 5,
     "gymnasium_robotics/envs/assets/hand/manipulate_block.xml": 5,

@@ -185,6 +185,9 @@ def pads_of(
         _sensors(search)
     _of_ros(search, root)
     _of_gazebo(search, root)
+    # A link on which sensors or sites are found is their frame, not a pad of its own.
+    frames = {pad.link for pad in search.pads if pad.members != (pad.link,)}
+    search.pads = [pad for pad in search.pads if pad.members != (pad.link,) or pad.link not in frames]
     left = {why: tuple(names) for why, names in search.left_out.items()}
     return FoundPads(model, tuple(_named(_arrays(search.pads))), left, tuple(search.notes))
 

@@ -12,6 +12,8 @@ from tci.messages.frames import Array
 from tci.support.compiled import compiled, inlined, reads, record, writes
 
 Vector = tuple[float, float, float]
+SHORT = pi / 6.0
+"""A command that turns no servo of a shoulder farther than this angle [rad] is a small change."""
 
 
 class ShoulderArrays(NamedTuple):
@@ -121,14 +123,20 @@ def solve(R_TU: Array, shoulder: ShoulderArrays, found: Array) -> int:
 @compiled(void(reads(2), reads(1), _SHOULDER, writes(2), writes(1)))
 def solve_near(R_TU: Array, near: Array, shoulder: ShoulderArrays, found: Array, best: Array) -> None:
     """Writes the solution that violates the limits least, and of equal ones (to 1e-6 rad) the nearest to
-    `near` (3,) [rad], into `best` (3,). `found` (2, 3) is room for all solutions."""
+    `near` (3,) [rad], into `best` (3,). A solution within SHORT of `near` wins in any case: an arm at a limit
+    stays there, instead of turning its shoulder around for a few degrees. `found` (2, 3) is room for all
+    solutions."""
     chosen, worst, farthest = 0, 0.0, 0.0
     for k in range(_solve(R_TU, shoulder, found)):
-        outside, apart = 0.0, 0.0
+        outside, apart, turned = 0.0, 0.0, 0.0
         for i in range(3):
+            turned = max(turned, abs((found[k, i] - near[i] + pi) % (2.0 * pi) - pi))
+        for i in range(3):
+            if turned <= SHORT:
+                found[k, i] = near[i] + (found[k, i] - near[i] + pi) % (2.0 * pi) - pi
             outside = max(outside, shoulder.lower[i] - found[k, i], found[k, i] - shoulder.upper[i])
             apart += (found[k, i] - near[i]) * (found[k, i] - near[i])
-        outside = round(outside, 6)
+        outside = round(outside, 6) if turned > SHORT else -1.0
         if k == 0 or outside < worst or (outside == worst and apart < farthest):
             chosen, worst, farthest = k, outside, apart
     for i in range(3):

@@ -24,6 +24,7 @@ import generic_arm
 import numpy as np
 import touch_to_motion
 import without_skin
+from even_response import draw as draw_even_response
 from foot import draw as draw_foot
 from same_touch import draw as draw_same_touch
 from tactile import draw as draw_tactile
@@ -161,6 +162,7 @@ def come_near(shown: Viewer, key: str, link: str) -> None:
 MAKERS: dict[str, Callable[[Path], None]] = {
     "demo": demo,
     "foot": foot,
+    "even_response": lambda _: draw_even_response(IMAGES / "even-response.png"),
     "same_touch": lambda _: draw_same_touch(IMAGES / "same-touch.png"),
     "tactile": lambda _: draw_tactile(IMAGES),
     "plot": plot,

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from helpers.touches import one_field, touch
-from tci.capabilities.discounts import phi, psi, psi_cosine
+from tci.capabilities.discounts import phi, printed, psi
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.messages import Contact
 from tci.robot.limb import generic_limb_distance
@@ -23,9 +23,9 @@ def force_of(contact: Contact, radius: float, measure: str) -> float:
 
 
 @pytest.mark.parametrize("measure", ["total", "weighted", "peak"])
-@pytest.mark.parametrize("discount", ["linear", "cosine"])
+@pytest.mark.parametrize("response", ["meant", "printed"])
 @given(seed=st.integers(0, 100_000))
-def test_answer_equals_the_equations(discount: str, measure: str, seed: int) -> None:
+def test_answer_equals_the_equations(response: str, measure: str, seed: int) -> None:
     random = np.random.default_rng(seed)
     fields = tuple(
         one_field(
@@ -37,7 +37,7 @@ def test_answer_equals_the_equations(discount: str, measure: str, seed: int) -> 
     forces = random.uniform(0.0, 6.0, 5).tolist()
     offsets = random.uniform(-0.4, 0.4, 5).tolist()
     contact = touch(random.random(), random.uniform(-np.pi, np.pi), forces, offsets=offsets)
-    reflex = WithdrawalReflex(fields=fields, distance_discount=discount)
+    reflex = WithdrawalReflex(fields=fields, response=response)
     inside = [
         (float(generic_limb_distance(contact.u, contact.theta, f.u, f.theta)), f)
         for f in fields
@@ -47,10 +47,12 @@ def test_answer_equals_the_equations(discount: str, measure: str, seed: int) -> 
     gain = 0.0
     if inside:
         apart, closest = min(inside, key=lambda pair: pair[0])
-        gain = phi(force_of(contact, closest.radius, measure), closest.threshold, closest.saturation)
-        gain *= {"linear": psi, "cosine": psi_cosine}[discount](apart, closest.radius)
+        force, limits = force_of(contact, closest.radius, measure), (closest.threshold, closest.saturation)
+        gain = phi(force, *limits) * psi(apart, closest.radius)
+        if response == "printed":
+            gain = printed(force, *limits, apart, closest.radius)
     answer = reflex.answer(contact)
     assert (answer is None) == (gain == 0.0)
     if answer is not None:
-        assert answer.field == closest
+        assert (answer.name, answer.motion) == (closest.name, closest.motion)
         assert answer.gain == pytest.approx(gain, rel=1e-9)

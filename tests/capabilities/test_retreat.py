@@ -18,7 +18,7 @@ from tci.robot.catalogue import load_robot
 from tci.testing import perception
 
 FIELD = one_field()
-REFLEX = WithdrawalReflex(fields=(FIELD,))
+REFLEX = WithdrawalReflex(fields=(FIELD,), response="meant")
 SKIN = perception("nao").skin
 
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from helpers.touches import BODY, BOTH_ARMS, POSTURE, one_field, poke, see, touch
 from tci.body.posture import to_platform
 from tci.capabilities.fields import ReceptiveField, default_fields
-from tci.capabilities.withdrawal import WithdrawalMemory, WithdrawalReflex
+from tci.capabilities.withdrawal import Response, WithdrawalMemory, WithdrawalReflex
 from tci.capabilities.withdrawal_memory import Withdrawal
 from tci.errors import CommandError, TciError
 from tci.gate.gate import Gate
@@ -26,9 +26,8 @@ from tci.robot.joint_map import generic_posture
 from tci.robot.limb import generic_limb_distance
 
 FIELD = one_field()
-REFLEX = WithdrawalReflex(fields=(FIELD,))
+REFLEX = WithdrawalReflex(response="meant", fields=(FIELD,))
 THETA = np.array(FIELD.motion)
-BOTH = pytest.mark.parametrize("discount", ["linear", "cosine"])
 
 forces = st.floats(0.0, 20.0)
 places = st.tuples(st.floats(-0.2, 1.2), st.floats(-np.pi, np.pi))
@@ -76,17 +75,15 @@ def test_1_nothing_at_or_beyond_the_edge_nor_up_to_the_threshold(
         assert moves
 
 
-@BOTH
 @given(offsets=st.lists(st.floats(0.0, 0.4), min_size=2, max_size=2))
-def test_2_largest_at_the_centre_and_never_rising_outwards(discount: str, offsets: list[float]) -> None:
-    reflex = WithdrawalReflex(fields=(FIELD,), distance_discount=discount)
+def test_2_largest_at_the_centre_and_never_rising_outwards(offsets: list[float]) -> None:
+    reflex = WithdrawalReflex(response="meant", fields=(FIELD,))
     near, far = (gain_of(reflex, touch(FIELD.u + offset, 0.0, [5.0])) for offset in sorted(offsets))
     assert far <= near <= gain_of(reflex, poke(FIELD, 5.0)) == 1.0
 
 
-@BOTH
-def test_2_continuous_to_nothing_at_the_edge(discount: str) -> None:
-    reflex = WithdrawalReflex(fields=(FIELD,), distance_discount=discount)
+def test_2_continuous_to_nothing_at_the_edge() -> None:
+    reflex = WithdrawalReflex(response="meant", fields=(FIELD,))
     steps = np.linspace(0.0, 1.2 * FIELD.radius, 241)
     gains = [gain_of(reflex, touch(FIELD.u + step, 0.0, [5.0])) for step in steps]
     assert max(abs(b - a) for a, b in pairwise(gains)) <= 0.01
@@ -138,7 +135,9 @@ def test_5_nor_does_the_order_of_contacts(touches: list[Contact]) -> None:
 
 def test_5_not_even_where_two_contacts_ask_for_the_same_gain() -> None:
     twins = [poke(FIELD, 5.0), poke(one_field(theta=np.pi), 5.0)]
-    reflex = WithdrawalReflex(fields=(FIELD, one_field(name="twin", theta=np.pi, motion=(-0.3, 0, 0, 0, 0))))
+    reflex = WithdrawalReflex(
+        response="meant", fields=(FIELD, one_field(name="twin", theta=np.pi, motion=(-0.3, 0, 0, 0, 0)))
+    )
     assert np.array_equal(motion(reflex, *twins), motion(reflex, *reversed(twins)))
 
 
@@ -159,21 +158,21 @@ def test_6_of_overlapping_fields_the_closest_wins_alone(
     words: list[dict[str, object]], place: tuple[float, float], force: float
 ) -> None:
     fields = [one_field(name=f"field{index}", radius=0.6, **word) for index, word in enumerate(words)]
-    answer = WithdrawalReflex(fields=fields).answer(touch(*place, [force]))
+    answer = WithdrawalReflex(response="meant", fields=fields).answer(touch(*place, [force]))
     distances = [float(generic_limb_distance(*place, field.u, field.theta)) for field in fields]
     closest = fields[int(np.argmin(distances))]
     if answer is None:
         assert min(distances) >= 0.6 * 0.999 or force <= FIELD.threshold * 1.001
     else:
-        assert answer.field is closest
-        assert answer == WithdrawalReflex(fields=(closest,)).answer(touch(*place, [force]))
+        assert answer.name == closest.name
+        assert answer == WithdrawalReflex(response="meant", fields=(closest,)).answer(touch(*place, [force]))
 
 
 def test_6_a_field_that_ends_before_the_touch_does_not_shadow_one_that_reaches_it() -> None:
     narrow, wide = one_field(name="narrow", radius=0.1), one_field(name="wide", u=0.8)
-    answer = WithdrawalReflex(fields=(narrow, wide)).answer(touch(0.604, 0.0, [5.0]))
+    answer = WithdrawalReflex(response="meant", fields=(narrow, wide)).answer(touch(0.604, 0.0, [5.0]))
     assert answer is not None
-    assert answer.field is wide
+    assert answer.name == "wide"
 
 
 def test_6_many_contacts_do_not_add_up() -> None:
@@ -234,7 +233,7 @@ def test_7_the_gate_keeps_posture_plus_motion_within_the_limits(
 )
 @pytest.mark.parametrize("measure", ["total", "weighted", "peak"])
 def test_8_no_response_without_a_force_at_a_place(contact: Contact, measure: str) -> None:
-    reflex = WithdrawalReflex(fields=(one_field(measure=measure),))
+    reflex = WithdrawalReflex(response="meant", fields=(one_field(measure=measure),))
     commands, memory = reflex.step(reflex.init(BODY), see(contact), BODY)
     assert commands == ()
     assert not memory
@@ -250,7 +249,7 @@ def test_8_no_response_from_a_posture_that_is_not_known() -> None:
 
 
 OTHER = one_field(name="other", theta=np.pi, motion=(-0.3, 0.2, 0.0, -0.4, -0.1))
-TWO = WithdrawalReflex(fields=(FIELD, OTHER), refractory=0.5)
+TWO = WithdrawalReflex(response="meant", fields=(FIELD, OTHER), refractory=0.5)
 
 
 def test_9_a_lasting_touch_is_answered_once() -> None:
@@ -283,7 +282,7 @@ def test_9_a_new_touch_is_answered_after_the_refractory_period_from_where_the_ar
 def test_9_a_lasting_touch_is_answered_once_however_rarely_it_is_seen(
     refractory: float, period: float
 ) -> None:
-    reflex = WithdrawalReflex(fields=(FIELD,), refractory=refractory)
+    reflex = WithdrawalReflex(response="meant", fields=(FIELD,), refractory=refractory)
     frames = [
         see(poke(FIELD, 5.0, sequence=tick), stamp=period * tick, posture={"left_arm": POSTURE + 0.1 * tick})
         for tick in range(20)
@@ -330,32 +329,24 @@ def test_the_same_frame_seen_again_changes_nothing() -> None:
     assert len(play(REFLEX, *frames)) == 1
 
 
-def test_a_frame_that_lasts_is_answered_by_a_wide_field_once_the_withdrawal_has_ended() -> None:
-    wide = one_field(name="wide", radius=0.6, motion=(0.1, 0.1, 0.0, 0.1, 0.0))
-    reflex = WithdrawalReflex(fields=(FIELD,), surround=(wide,))
-    beside = see(touch(FIELD.u + FIELD.radius + 0.05, 0.0, [3.0]))
-    after = [replace(beside, stamp=0.1 * tick) for tick in range(1, 10)]
-    assert reflex.answer(beside.contacts[0]) == WithdrawalReflex(fields=(wide,)).answer(beside.contacts[0])
-    assert len(play(reflex, see(poke(FIELD, 2.0)), *after[:4])) == 1
-    assert len(play(reflex, see(poke(FIELD, 2.0)), *after)) == 2
-
-
 def test_a_command_is_the_posture_at_the_trigger_plus_the_gain_times_the_base_motion() -> None:
     ((command,), memory) = REFLEX.step(REFLEX.init(BODY), see(poke(FIELD, 2.0), stamp=3.0), BODY)
     assert (command.part, command.mode) == ("left_arm", Mode.POSITION)
     np.testing.assert_allclose(command.values, POSTURE + 0.5 * THETA, atol=1e-15)
     assert not command.values.flags.writeable
     held = memory["left_arm"]
-    assert (held.field, held.gain, held.started, held.touched) == (FIELD, 0.5, 3.0, 3.0)
+    assert (held.field.name, held.gain, held.started, held.touched) == (FIELD.name, 0.5, 3.0, 3.0)
 
 
 def test_the_weighted_force_is_that_of_eq_7() -> None:
     """Two taxels at a distance of 0.3 in u, with r = 0.3, have the weights 2 r - d = 0.6 and 0.3."""
     contact = touch(0.5, 0.0, [2.5, 1.0], offsets=[0.0, 0.3])
-    reflex = WithdrawalReflex(fields=(one_field(measure="weighted"),))
+    reflex = WithdrawalReflex(response="meant", fields=(one_field(measure="weighted"),))
     assert gain_of(reflex, contact) == pytest.approx((2.0 - 1.0) / 2.0)
     assert gain_of(REFLEX, contact) == 1.0
-    assert gain_of(WithdrawalReflex(fields=(one_field(measure="peak"),)), contact) == pytest.approx(0.75)
+    assert gain_of(
+        WithdrawalReflex(response="meant", fields=(one_field(measure="peak"),)), contact
+    ) == pytest.approx(0.75)
 
 
 @given(st.lists(contacts, max_size=4), st.lists(contacts, max_size=4))
@@ -375,7 +366,7 @@ def test_two_arms_are_independent(one: list[Contact], other: list[Contact]) -> N
 
 
 def bits(memory: WithdrawalMemory) -> dict[str, tuple[object, ...]]:
-    def one(w: Withdrawal[ReceptiveField]) -> tuple[object, ...]:
+    def one(w: Withdrawal[Response]) -> tuple[object, ...]:
         return w.field, w.origin.tobytes(), w.gain, w.started, w.touched
 
     return {part: one(withdrawal) for part, withdrawal in memory.items()}
@@ -402,7 +393,7 @@ def test_the_same_inputs_give_the_same_outputs_bit_for_bit(course: list[list[Con
 
 
 def test_without_fields_nothing_moves() -> None:
-    assert play(WithdrawalReflex(fields=()), see(poke(FIELD, 5.0))) == []
+    assert play(WithdrawalReflex(response="meant", fields=()), see(poke(FIELD, 5.0))) == []
 
 
 def test_a_contact_of_another_segment_or_part_is_not_answered() -> None:
@@ -414,8 +405,8 @@ def test_wrong_settings_are_refused() -> None:
     for refractory in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(TciError, match="withdrawal: refractory"):
             WithdrawalReflex(refractory=refractory)
-    with pytest.raises(TciError, match="valid: linear, cosine"):
-        WithdrawalReflex(distance_discount="square")
+    with pytest.raises(TciError, match="valid: blended, meant, printed"):
+        WithdrawalReflex(response="square")
 
 
 def test_a_part_that_is_no_generic_arm_is_refused() -> None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
 import tci
 from tci.body.generic_body import GenericBody
-from tci.capabilities import ReceptiveField
 from tci.capabilities.withdrawal import WithdrawalMemory
 from tci.capabilities.wrapper import CapabilityWrapper
 from tci.gate.gate import GateSettings
@@ -86,8 +85,8 @@ class NoisySkin(FakeDriver):
 class Counted(CapabilityWrapper[WithdrawalMemory]):
     """The withdrawal reflex. It also records, by arm, the times at which a response began."""
 
-    def __init__(self, surround: Sequence[ReceptiveField] | None = None) -> None:
-        super().__init__(tci.WithdrawalReflex(surround=surround))
+    def __init__(self, response: Literal["blended", "meant"] = "blended") -> None:
+        super().__init__(tci.WithdrawalReflex(response=response))
         self.answers: dict[str, list[float]] = {"left_arm": [], "right_arm": []}
 
     def step(
@@ -111,10 +110,10 @@ class Felt:
         at: float,
         duration: float,
         lasts: float = np.inf,
-        surround: Sequence[ReceptiveField] | None = None,
+        response: Literal["blended", "meant"] = "blended",
     ) -> None:
         self.ticks: list[Tick] = []
-        self.reflex, self.report = Counted(surround), LoopReport()
+        self.reflex, self.report = Counted(response), LoopReport()
         self.at = at
         faulty = FaultInjector(driver, [FaultPlan(name, at, lasts)])
         self.memory = run(

@@ -56,7 +56,7 @@ instead of numbers, which format 1 can't contain."""
 
 def paper() -> tci.WithdrawalReflex:
     """Returns the reflex of the paper, which uses the force of equation 7."""
-    return tci.WithdrawalReflex(fields=default_fields(measure="weighted"))
+    return tci.WithdrawalReflex(fields=default_fields(measure="weighted"), response="meant")
 
 
 def gesture() -> tci.Arbiter:

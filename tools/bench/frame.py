@@ -17,7 +17,7 @@ from measured import Measured, cold, each, in_turn, row
 import tci
 from helpers import contact_oracle
 from helpers.felt_skin import FeltSkin, PatchFelt
-from tci.capabilities.answer import FIELD, RANKS, field_table, find_answers
+from tci.capabilities.answer import FIELD, field_table, find_answers
 from tci.capabilities.discounts import phi, psi
 from tci.capabilities.fields import default_fields
 from tci.lab.authoring.dense_skin import with_dense_skin
@@ -48,7 +48,7 @@ taxels."""
 @inlined
 def respond(
     repeats, values, last, which, stamps, layout, estimates, memory, active, clusters, poses, posture,
-    summary, made, segments, fields, surround, closest, one, gains,
+    summary, made, segments, fields, closest, one, gains,
 ):  # fmt: skip
     count = 0
     for again in range(repeats):
@@ -59,11 +59,11 @@ def respond(
             continue
         _describe(layout, estimates.hidden, clusters, poses, posture, summary, made)
         _answer(
-            fields, surround, False, segments, made.rows[:count], made.begin, made.taxels, closest, one
+            fields, False, segments, made.rows[:count], made.begin, made.taxels, closest, one
         )  # fmt: skip
         for c in range(count):
-            if closest[0, c] >= 0:
-                gains[closest[0, c]] = max(gains[closest[0, c]], one[0, c])
+            if closest[c] >= 0:
+                gains[closest[c]] = max(gains[closest[c]], one[c])
     return count
 
 
@@ -103,7 +103,7 @@ class Frame:
         self.poses = self.skin.kinematics.poses(position, self.layout.links)
         self.posture = np.array(robot.part(self.patch.part).initial_posture)
         conditioner.estimates.threshold[:] = THRESHOLD
-        self.tables, self.gains = (field_table(self.fields), field_table(())), np.zeros(fields)
+        self.table, self.gains = field_table(self.fields), np.zeros(fields)
         poses = np.array([self.poses[link] for link in self.layout.links])
         finder = ContactFinder(self.layout)
         self._condition = (
@@ -112,10 +112,10 @@ class Frame:
         )  # fmt: skip
         self._clusters, self._posture = finder._clusters, (poses, self.posture[None, :4].copy())
         self._segments = np.full(n, SEGMENTS.index("forearm"))
-        self._room = np.zeros((RANKS, n), np.int64), np.zeros((RANKS, n))
+        self._room = np.zeros(n, np.int64), np.zeros(n)
         self._arguments = (
             *self._condition[:3], *self._condition[4:], self._clusters, *self._posture,
-            np.zeros(n, SUMMARY), ContactArrays.empty(n, n), self._segments, *self.tables, *self._room,
+            np.zeros(n, SUMMARY), ContactArrays.empty(n, n), self._segments, self.table, *self._room,
             self.gains,
         )  # fmt: skip
         self.show(self.touched)
@@ -144,8 +144,8 @@ class Frame:
         made = ContactArrays.empty(count, taxels)
         hidden = self._condition[5].hidden
         describe(arrays, hidden, self._clusters, *self._posture, np.empty(count, SUMMARY), made)
-        closest, gains = np.empty((RANKS, count), np.int64), np.empty((RANKS, count))
-        find_answers(*self.tables, False, self._segments, *map(frozen, made), closest, gains)
+        closest, gains = np.empty(count, np.int64), np.empty(count)
+        find_answers(self.table, False, self._segments, *map(frozen, made), closest, gains)
 
     def numpy(self) -> np.ndarray:
         """Processes the frame with the tests' reference implementation: contacts are objects, and NumPy
@@ -216,7 +216,7 @@ class InC:
             ("T_TL", own), ("T_TG", f.poses[limb]), ("limb", np.array([patch["limb"]]).view(np.float64)),
             ("posture", f.posture), ("numbers", np.zeros((n, 7))), ("vectors", np.zeros((n, 5, 3))),
             ("indices", np.zeros(n, np.int64)), ("places", np.zeros((4, n))),
-            ("fields", np.array([f.tables[0][name] for name in FIELD.names or ()], np.float64)),
+            ("fields", np.array([f.table[name] for name in FIELD.names or ()], np.float64)),
             ("gains", np.zeros(len(f.fields))),
         ]  # fmt: skip
         kinds: dict[type, Any] = {int: ctypes.c_int64, float: ctypes.c_double}

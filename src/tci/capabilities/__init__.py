@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from tci.capabilities.soft_reaction import SoftReaction as SoftReaction
     from tci.capabilities.sway import Sway as Sway
     from tci.capabilities.withdrawal import Answer as Answer
+    from tci.capabilities.withdrawal import Response as Response
     from tci.capabilities.withdrawal import WithdrawalReflex as WithdrawalReflex
     from tci.capabilities.withdrawal_memory import Withdrawals as Withdrawals
     from tci.capabilities.wrapper import CapabilityWrapper as CapabilityWrapper

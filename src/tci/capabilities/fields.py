@@ -188,10 +188,7 @@ def default_fields(*, measure: Measure = "total") -> tuple[ReceptiveField, ...]:
 
 @cache
 def default_surround(*, measure: Measure = "total") -> tuple[ReceptiveField, ...]:
-    """Returns the default wide fields of arms. The wide fields together cover forearm and upper arm.
-
-    Use the wide fields in addition to `default_fields`.
-    """
+    """The default wide fields, each of which moves one joint: the response "blended" mixes them."""
     with as_file(files("tci.capabilities") / "withdrawal.toml") as path:
         return load_fields(path, measure=measure, surround=True)
 

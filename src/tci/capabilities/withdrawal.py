@@ -1,7 +1,7 @@
 """The protective withdrawal reflex (§4): a touched arm moves away from the touch.
 
-1. Each contact asks for the base motion of the receptive field that contains it, with a gain that grows with
-   the force and falls with the distance from the field's centre (eqs 5-7): `answer`.
+1. Each contact asks for a motion: a blend of the base motions of all fields of the touched segment, by how
+   directly each takes the touched place away. It grows with the force (eqs 5-7): `answer`.
 2. The arm moves to its posture plus gain times base motion (eq. 5), once per touch: a touch lasts until the
    arm has been quiet for the refractory time (`withdrawal_rule`).
 3. No motion presses skin into a touching object (`retreat`).
@@ -9,15 +9,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tci.body.generic_body import GenericBody
-from tci.capabilities.answer import RANKS, field_table, find_answers, segments_of
+from tci.capabilities.answer import blend, field_table, find_answers, segments_of
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields, default_surround
 from tci.capabilities.needs import Need
@@ -34,28 +34,40 @@ from tci.messages import (
     Perception,
     SwitchMode,
 )
-from tci.messages.frames import read_only
+from tci.messages.frames import Array, read_only
 from tci.reasons import Reason
 from tci.robot.generic_arm import JOINTS, SEGMENTS
 
-DISCOUNTS = ("linear", "cosine")
-"""Valid values of the setting `distance_discount`."""
+RESPONSES = ("blended", "meant", "printed")
+"""Valid values of the setting `response`."""
+INITIAL = read_only(np.deg2rad([25.0, 25.0, 0.0, 60.0, 0.0]))
+"""Generic angles (5,) [rad] of an arm whose posture isn't told: the packaged robots' initial posture."""
 MODES = (Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE)
 """Control modes in which the reflex can run."""
+
+
+class Response(NamedTuple):
+    """A motion that answers a contact."""
+
+    name: str
+    """Name of the field, or of the segment whose fields are blended."""
+    motion: tuple[float, ...]
+    """Full motion (5,) [rad]: the base motion of the field, or the blend."""
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
     """Response to one contact."""
 
-    field: ReceptiveField
-    """Receptive field that responds: of all fields that contain the contact, the one with the closest
-    centre."""
+    name: str
+    """Name of the field, or of the segment whose fields are blended."""
+    motion: tuple[float, ...]
+    """Full motion (5,) [rad]."""
     gain: float
-    """Gain phi(F) psi(d) of the response (eq. 5), above 0 and at most 1."""
+    """The arm moves by this fraction of the full motion (eq. 5), above 0 and at most 1."""
 
 
-WithdrawalMemory = Withdrawals[ReceptiveField]
+WithdrawalMemory = Withdrawals[Response]
 """Withdrawals by generic part, and why other touched arms do not move."""
 
 
@@ -68,19 +80,18 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
 
     needs = (Need("skin on an arm", ("arm",), SEGMENTS),)
     fields: Sequence[ReceptiveField] = field(default_factory=default_fields)
-    """Receptive fields. The function `load_fields` reads other fields from a file. Without fields there is no
-    reflex."""
+    """Receptive fields of the paper's responses. The function `load_fields` reads other fields from a file.
+    Without fields there is no reflex."""
     surround: Sequence[ReceptiveField] | None = None
-    """Wide fields, used if none of `fields` responds, or if the motion of the responding field is not
-    permitted. The wide field with the closest centre is tried first, then the second closest. If None,
-    `default_surround` is used together with the default `fields`. With other `fields`, None means that there
-    are no wide fields."""
+    """Fields that the response "blended" mixes. If None, `default_surround` is used together with the default
+    `fields`; other `fields` are then blended themselves."""
     refractory: float = 0.5
     """Refractory time [s]: if no touch has caused a response for this time, the arm can withdraw again.
     Assumed: a hand that slides or shakes makes contact again in less time."""
-    distance_discount: Literal["linear", "cosine"] = "linear"
-    """Form of psi in eq. 5: 1 - d / r, or cos^2(pi d / 2 r), with the distance d from the field's centre and
-    the field's radius r."""
+    response: Literal["blended", "meant", "printed"] = "blended"
+    """"blended": continuous over the whole arm. "meant" and "printed": the nearest of `fields` that contains
+    the contact answers by eqs 5-6, with parentheses as the text of the paper means them, or as they are
+    printed."""
     mode: ModeLike = Mode.POSITION
     """Control mode of the arms. The target posture is equal in all three modes. In impedance mode the arms
     are soft: a touched arm first yields to the touch, and then withdraws."""
@@ -90,25 +101,29 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     softness: float = 0.4
     """Stiffness of the arms in impedance mode, relative to full stiffness. Assumed: soft enough to yield to a
     hand, stiff enough to reach the target against gravity."""
-    _tables: tuple[NDArray[np.void], NDArray[np.void]] = field(init=False, repr=False, compare=False)
-    """`fields` and `surround` for the compiled loop."""
+    _used: tuple[ReceptiveField, ...] = field(init=False, repr=False, compare=False)
+    _table: NDArray[np.void] = field(init=False, repr=False, compare=False)
+    _motions: NDArray[np.float64] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fields", tuple(self.fields))
         surround = self.surround
         if surround is None:
-            surround = default_surround() if self.fields == default_fields() else ()
-        surround = tuple(surround) if self.fields else ()
-        object.__setattr__(self, "surround", surround)
-        object.__setattr__(self, "_tables", (field_table(self.fields), field_table(surround)))
+            measure = self.fields[0].measure if self.fields else "total"
+            default = self.fields == default_fields(measure=measure)
+            surround = default_surround(measure=measure) if default else self.fields
+        object.__setattr__(self, "surround", tuple(surround) if self.fields else ())
+        used = self.surround if self.response == "blended" else self.fields
+        object.__setattr__(self, "_used", used)
+        object.__setattr__(self, "_table", field_table(self._used))
+        motions = np.reshape([one.motion for one in self._used], (-1, len(JOINTS)))
+        object.__setattr__(self, "_motions", read_only(motions))
         mode = Mode.of(self.mode)
         object.__setattr__(self, "mode", mode)
         if not 0.0 < self.refractory < np.inf:
             raise TciError(f"withdrawal: refractory {self.refractory} s; valid: above 0 and finite")
-        if self.distance_discount not in DISCOUNTS:
-            raise TciError(
-                f"withdrawal: distance_discount {self.distance_discount!r}; valid: {', '.join(DISCOUNTS)}"
-            )
+        if self.response not in RESPONSES:
+            raise TciError(f"withdrawal: response {self.response!r}; valid: {', '.join(RESPONSES)}")
         if mode not in MODES:
             valid = ", ".join(one.value for one in MODES)
             raise TciError(f"withdrawal: mode {mode.value}; valid: {valid}")
@@ -143,7 +158,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
 
         Raises CommandError if a touched part does not have the five joints of a base motion.
         """
-        wishes = self._wishes(memory, perception.contacts) if len(perception.contacts) else {}
+        wishes = self._wishes(perception.contacts, perception.posture) if len(perception.contacts) else {}
         mode = Mode.of(self.mode)
         after = withdraw_all(memory, wishes, perception, body, refractory=self.refractory, mode=mode)
         if mode is not Mode.VELOCITY:
@@ -153,27 +168,32 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         }
         return tuple(GenericCommand(p, Mode.VELOCITY, read_only(v)) for p, v in velocities.items()), after
 
-    def _wishes(self, memory: WithdrawalMemory, contacts: Contacts) -> dict[str, list[Wish[ReceptiveField]]]:
-        """The responses that the contacts ask for, by part, those with a lower rank first (eqs 5-7).
-
-        Wide fields respond only on arms at rest, and on arms that a wide field moves.
-        """
-        surround = self.surround or ()
-        nearest, gains = np.empty((RANKS, len(contacts)), np.int64), np.empty((RANKS, len(contacts)))
-        cosine = self.distance_discount == "cosine"
+    def _wishes(self, contacts: Contacts, posture: Mapping[str, Array]) -> dict[str, list[Wish[Response]]]:
+        """The responses that the contacts ask for, by part (eqs 5-7)."""
+        count = len(contacts)
         sites = [contacts.sites[site] for site in contacts.site.tolist()]
         table = segments_of(sites), contacts.rows, contacts.begin, contacts.taxel_rows
-        find_answers(*self._tables, cosine, *table, nearest, gains)
-        wide = [one.name for one in surround] if memory.motions else ()
-        narrow = [part for part, one in memory.motions.items() if one.field.name not in wide]
-        wishes: dict[str, list[Wish[ReceptiveField]]] = {}
-        for rank, (own, found) in enumerate(zip(nearest.tolist(), gains.tolist(), strict=True)):
-            fields = surround if rank else self.fields
-            for contact, gain in enumerate(found):
-                part = sites[contact].part
-                if gain > 0.0 and not (rank and part in narrow):
-                    wish = Wish(fields[own[contact]], gain, contact, rank)
-                    wishes.setdefault(part, []).append(wish)
+        gains, found = np.empty(count), np.empty(count, np.int64)
+        wishes: dict[str, list[Wish[Response]]] = {}
+        if self.response == "blended":
+            postures, blends = np.empty((count, len(JOINTS))), np.empty((count, len(JOINTS)))
+            for row, site in enumerate(sites):
+                angles = posture.get(site.part, INITIAL)
+                postures[row] = angles if angles.size == len(JOINTS) else np.nan
+            room = np.empty((4, 2)), np.empty(len(self._table))
+            blend(self._table, self._motions, *table, postures, *room, blends, gains)
+            motions = blends.tolist()
+        else:
+            find_answers(self._table, self.response == "printed", *table, found, gains)
+        for contact, gain in enumerate(gains.tolist()):
+            if gain > 0.0:
+                site = sites[contact]
+                if self.response == "blended":
+                    response = Response(site.segment, tuple(motions[contact]))
+                else:
+                    field = self._used[found[contact]]
+                    response = Response(field.name, field.motion)
+                wishes.setdefault(site.part, []).append(Wish(response, gain, contact))
         return wishes
 
     def claims(self, memory: WithdrawalMemory) -> frozenset[str]:
@@ -196,19 +216,17 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
                 return blind
         return None
 
-    def answer(self, contact: Contact) -> Answer | None:
-        """Returns the response to one contact (eqs 5-7), or None if no field responds.
+    def answer(self, contact: Contact, posture: Mapping[str, Array] | None = None) -> Answer | None:
+        """The response to one contact (eqs 5-7), None if there is none. `posture` are the generic angles
+        [rad] by part, by default those of the initial posture."""
+        return self.answers((contact,), posture)[0]
 
-        Of all `fields` that contain the contact, the field with the closest centre responds. If there is no
-        such field, the closest field of `surround` that contains the contact responds. Only one field
-        responds, since the sum of the responses of overlapping fields would not be bounded.
-        """
-        return self.answers((contact,))[0]
-
-    def answers(self, contacts: Sequence[Contact]) -> list[Answer | None]:
+    def answers(
+        self, contacts: Sequence[Contact], posture: Mapping[str, Array] | None = None
+    ) -> list[Answer | None]:
         """The response to each contact as if it were the only one."""
         found: list[Answer | None] = [None] * len(contacts)
-        for own in self._wishes(Withdrawals({}, {}), Contacts.of(contacts)).values():
-            for wish in reversed(own):
-                found[wish.contact] = Answer(wish.field, wish.gain)
+        for own in self._wishes(Contacts.of(contacts), posture or {}).values():
+            for wish in own:
+                found[wish.contact] = Answer(*wish.field, wish.gain)
         return found

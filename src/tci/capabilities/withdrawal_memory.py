@@ -11,6 +11,8 @@ import numpy as np
 from tci.messages import Perception
 from tci.messages.frames import Array, frozen
 
+LASTS = 1.0
+"""Time [s] after which a touch that lasts is told: the part has gone as far as it goes for one touch."""
 ANEW = 0.02
 """Time [s] after which a refused motion is checked again, even if no new skin frame has arrived, because the
 robot may have moved. Assumed: the period of the slowest skin."""
@@ -40,8 +42,6 @@ class Wish(NamedTuple, Generic[F]):
     """Gain phi(F) psi(d) (eq. 5), above 0 and at most 1."""
     contact: int
     """Index of the contact in `Perception.contacts`."""
-    rank: int = 0
-    """Wishes of a part with a lower rank are tried first."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,10 +129,16 @@ class Withdrawals(Mapping[str, Withdrawal[F]]):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """A sentence for each touched part that does not move."""
-        return tuple(
-            f"{part} was touched and does not move: {one.reason}" for part, one in self.refused.items()
-        )
+        """A sentence for each touched part that does not move, and for each that moved and is still
+        touched."""
+        still = [f"{part} was touched and does not move: {one.reason}" for part, one in self.refused.items()]
+        lasting = [
+            f"{part} has moved as far as it goes for one touch, which has not ended after {LASTS:g} s; "
+            "valid: take the object away, then it answers again"
+            for part, one in self.motions.items()
+            if part not in self.refused and not one.quiet and one.touched - one.started >= LASTS
+        ]
+        return (*still, *lasting)
 
 
 def _frames(perception: Perception) -> bytes:

@@ -2,7 +2,7 @@
 
 A touch in a receptive field starts a *withdrawal* of the touched part. It lasts until no field of the part
 has been touched for the refractory period; until then, all touches of the part count as one. The gain may
-increase, at most to 1. No other field responds, and no base motion is added a second time.
+increase, at most to 1. No other motion begins, and none is added a second time.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from tci.messages import GenericCommand, Mode, Perception
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 
+NO_WAY = "in this posture none of its joints takes the touched place away; valid: another posture"
 LEAST_COVERAGE = 0.5
 """A field is blind if the fraction of its healthy taxels is below this value: most touches of the field are
 then missed."""
@@ -141,8 +142,8 @@ class _Touched(NamedTuple, Generic[F]):
         return Refusal.of(reason, before, self.wishes, self.perception) if reason else None
 
     def _begin(self) -> tuple[Withdrawal[F] | None, str]:
-        """The withdrawal for the first permitted wish: lower ranks first, then larger gains. If none is
-        permitted, None and why the first is refused (empty if the posture is unknown)."""
+        """The withdrawal for the first permitted wish, larger gains first. If none is permitted, None and why
+        the first is refused (empty if the posture is unknown)."""
         origin, now, first = self.perception.posture[self.part], self.perception.stamp, ""
         if not all(map(isfinite, origin.tolist())):
             return None, ""
@@ -160,10 +161,11 @@ class _Touched(NamedTuple, Generic[F]):
                 continue
             wish = wishes[0]
             target = target_of(origin, wish.gain, wish.field)
-            why = self._why_not(target, [one.contact for one in wishes])
+            moves = any(wish.field.motion)
+            why = self._why_not(target, [one.contact for one in wishes]) if moves else NO_WAY
             if not why:
                 return Withdrawal(wish.field, origin, wish.gain, target, now, now, self.met), ""
-            if not first and len(ways) > 1:
+            if moves and not first and len(ways) > 1:
                 hopeless = self._are_hopeless(origin, ways)
             first = first or why
         return None, first
@@ -171,7 +173,7 @@ class _Touched(NamedTuple, Generic[F]):
     def _grow(self, withdrawal: Withdrawal[F]) -> tuple[Withdrawal[F], str]:
         """The withdrawal with the gain of a stronger touch of its field, or why it must not go so far."""
         field, gain = withdrawal.field, withdrawal.gain
-        more = [wish.gain for wish in self.wishes if wish.gain > gain and _is_same(wish.field, field)]
+        more = [wish.gain for wish in self.wishes if wish.gain > gain and wish.field.name == field.name]
         if not more:
             return withdrawal, ""
         target = target_of(withdrawal.origin, max(more), field)
@@ -199,10 +201,6 @@ class _Touched(NamedTuple, Generic[F]):
         return are_hopeless(self.perception, self.body, self.part, targets, contacts)
 
 
-def _urgency(wish: Wish[F]) -> tuple[int, float, str]:
-    # Equal gains are sorted by name, so that the result does not depend on the order of contacts.
-    return -wish.rank, wish.gain, wish.field.name
-
-
-def _is_same(one: F, other: F) -> bool:
-    return one is other or (one.name == other.name and one == other)  # two fields compare slowly
+def _urgency(wish: Wish[F]) -> tuple[float, str, tuple[float, ...]]:
+    # Equal gains are sorted, so that the result does not depend on the order of contacts.
+    return wish.gain, wish.field.name, wish.field.motion

@@ -30,5 +30,5 @@ def test_random_pokes_of_the_arms_are_answered(name: str) -> None:
 
 def test_the_five_fields_alone_leave_much_of_the_arm_unanswered() -> None:
     """Shows that the test of all fields can fail."""
-    trials = pokes("nao", WithdrawalReflex(surround=()), 8)
+    trials = pokes("nao", WithdrawalReflex(response="meant"), 8)
     assert sum(trial.answered for trial in trials) <= 6

@@ -53,7 +53,7 @@ def trials_at(rate: float, mode: Mode) -> tuple[Trial, ...]:
     robot's are in the demo's, with the same mirrored fields."""
     trials: list[Trial] = []
     for index, name in enumerate(ROBOTS):
-        reflex = WithdrawalReflex(mode=mode, fields=FIELDS[index::2])
+        reflex = WithdrawalReflex(mode=mode, fields=FIELDS[index::2], surround=WithdrawalReflex().surround)
         robot = with_skin_rate(load_robot(name), rate)
         trials += trials_of(robot, reflex, stimulus=SHORT_POKE, seed=3, sides=("left",))
     return tuple(trials)
@@ -187,7 +187,7 @@ def bare_place(body: GenericBody, joints: JointReading) -> tuple[float, float]:
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("where", ["outside", "soft"])
 def test_no_response_moves_nothing(name: str, where: str) -> None:
-    """Tests a firm poke outside every field and its surround, and a poke in a field's centre below the
+    """Tests a firm poke outside every field of the paper's response, and a poke in a field's centre below the
     threshold."""
     robot = load_robot(name)
     world = World(robot)
@@ -201,7 +201,7 @@ def test_no_response_moves_nothing(name: str, where: str) -> None:
         place.patch, place.p_L, place.n_L, speed=0.2 if depth > 0.001 else 0.01, depth=depth, gap=0.003
     )
     seen: list[Tick] = []
-    reflex = WithdrawalReflex(surround=()) if where == "outside" else WithdrawalReflex()
+    reflex = WithdrawalReflex(response="meant") if where == "outside" else WithdrawalReflex()
     run(driver, reflex, duration=0.5, observe=seen.append)
     assert world.finger.touching
     if where == "outside":
@@ -215,7 +215,8 @@ def test_a_field_that_is_there_makes_the_difference() -> None:
     world = World(load_robot("nao"))
     u, theta = bare_place(GenericBody(world.robot), initial_joints(world.robot))
     field = FIELDS[0].model_copy(update={"name": "there", "u": u, "theta": theta})
-    trace = poke(world, "left_arm", field, Stimulus(), reflex=WithdrawalReflex(fields=(field,)), seed=0)
+    reflex = WithdrawalReflex(fields=(field,), response="meant")
+    trace = poke(world, "left_arm", field, Stimulus(), reflex=reflex, seed=0)
     assert trace.commanded
     assert cop_error(trace) is not None
 

@@ -82,14 +82,14 @@ def test_04_values_that_are_no_number_are_dropped_and_counted() -> None:
 def test_05_saturated_taxels_are_one_touch_with_a_bounded_answer(count: int) -> None:
     driver = NoisySkin()
     driver.touch(LEARNT + 1.0, LEARNT + 2.0, count=count, counts=1e9)
-    felt = Felt(driver, "saturated-taxel", at=LEARNT, duration=LEARNT + 1.5, surround=())
+    felt = Felt(driver, "saturated-taxel", at=LEARNT, duration=LEARNT + 1.5, response="meant")
     assert felt.answers(PATCH.part) == [pytest.approx(1.0, abs=0.1)], "the fault is outside the five fields"
     assert felt.answers(OTHER.part) == []
     assert held(felt) == {GateState.RUN}
     answer = felt.memory[PATCH.part]
     softer = NoisySkin()
     softer.touch(LEARNT + 1.0, LEARNT + 2.0, count=count, counts=120.0)
-    other = Felt(softer, "saturated-taxel", at=LEARNT, duration=LEARNT + 1.5, surround=())
+    other = Felt(softer, "saturated-taxel", at=LEARNT, duration=LEARNT + 1.5, response="meant")
     hard = other.memory[PATCH.part]
     assert 0.5 < answer.gain <= 1.0
     assert answer.gain == pytest.approx(hard.gain, rel=0.02), "no more than to half of that"
@@ -150,7 +150,7 @@ def test_27_a_touch_during_a_withdrawal_is_the_same_one_and_the_limits_hold() ->
 
 
 def test_08_a_contact_without_any_force_moves_nothing() -> None:
-    reflex = tci.WithdrawalReflex(fields=(one_field(radius=0.1),))
+    reflex = tci.WithdrawalReflex(fields=(one_field(radius=0.1),), response="meant")
     memory = reflex.init(BODY)
     for stamp in (0.0, 0.1, 0.2):
         none = see(touch(0.5, 0.0, [0.0, 0.0, 0.0], offsets=[0.01, 0.0, -0.01]), stamp=stamp)
@@ -161,7 +161,7 @@ def test_08_a_contact_without_any_force_moves_nothing() -> None:
 
 
 def test_09_taxels_that_have_no_weight_move_nothing() -> None:
-    reflex = tci.WithdrawalReflex(fields=(one_field(radius=0.1, measure="weighted"),))
+    reflex = tci.WithdrawalReflex(fields=(one_field(radius=0.1, measure="weighted"),), response="meant")
     far = touch(0.5, 0.0, [50.0, 50.0], offsets=[0.4, -0.4])
     near = touch(0.5, 0.0, [50.0, 50.0, 4.0], offsets=[0.4, -0.4, 0.0])
     assert reflex.step(reflex.init(BODY), see(far), BODY)[0] == ()

@@ -1,0 +1,79 @@
+"""Every place of the arms is answered alike: no dead rings, no jumps. At full size by `python -m
+helpers.even_response` in `tests/`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import tci
+from helpers.even_response import ROBOTS, judged
+from tci.capabilities import default_fields
+from tci.messages import Contacts
+from tci.testing import TouchedRobot
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_every_place_is_answered_alike(name: str) -> None:
+    rows = judged(name, count=4, stride=29, forces=(1.0, 5.0))
+    print(*rows, sep="\n")
+    assert not [fault for row in rows for fault in row.faults if "refused" not in fault]
+    # So few touches can't tell 2 %; the full size does.
+    assert all(row.share <= 0.05 for row in rows)
+
+
+@pytest.mark.parametrize("response", ["meant", "printed"])
+def test_the_equations_of_the_paper_are_uneven(response: str) -> None:
+    """Shows that the test above can fail."""
+    reflex = tci.WithdrawalReflex(response=response)
+    rows = judged("nao", count=0, stride=5, forces=(5.0,), reflex=reflex)
+    assert all(row.faults for row in rows), rows
+
+
+def test_the_same_place_is_answered_alike_on_both_sides() -> None:
+    touched = TouchedRobot("nao")
+    contact = touched.perceive("left_forearm", taxel=50).contacts[0]
+    own = Contacts.of((contact,))
+    other = replace(own, sites=(own.sites[0]._replace(part="right_arm"),))
+    reflex, posture = tci.WithdrawalReflex(), np.deg2rad([10.0, 40.0, 20.0, 70.0, 0.0])
+    both = {"left_arm": posture, "right_arm": posture}
+    assert reflex.answer(own[0], both) == reflex.answer(other[0], both)
+
+
+def test_no_joint_goes_beyond_its_base_motions_and_fields_of_a_user_are_blended() -> None:
+    fields = [one.model_copy(update={"radius": 3.0}) for one in default_fields()]
+    reflex, chance = tci.WithdrawalReflex(fields=fields), np.random.default_rng(0)
+    most = np.abs([one.motion for one in fields]).max(axis=0)
+    touched, answered = TouchedRobot("nao"), 0
+    for taxel in range(0, 240, 9):
+        (contact,) = touched.perceive("left_forearm", taxel=taxel).contacts[:1]
+        for _ in range(10):
+            answer = reflex.answer(contact, {"left_arm": chance.uniform(-1.5, 1.5, 5)})
+            answered += answer is not None
+            assert answer is None or np.all(np.abs(answer.motion) <= most + 1e-12)
+    assert answered > 100
+
+
+def test_a_refused_touch_is_tried_again_with_the_next_motion_and_a_lasting_one_is_told() -> None:
+    straight = TouchedRobot("nao", posture={"left_arm": np.deg2rad([25.0, 76.0, 0.0, 60.0, 0.0])})
+    reflex = tci.WithdrawalReflex()
+    memory, refused = reflex.init(straight.body), None
+    for taxel in range(120):
+        seen = straight.perceive("left_upper_arm", taxel=taxel, force=4.0)
+        orders, memory = reflex.step(reflex.init(straight.body), seen, straight.body)
+        if not orders:
+            refused = taxel
+            assert "left_arm was touched and does not move" in reflex.notes(memory)[0]
+            break
+    assert refused is not None
+    at_rest = TouchedRobot("nao").perceive("left_upper_arm", taxel=refused, force=4.0)
+    at_rest = replace(at_rest, stamp=5.0)
+    orders, memory = reflex.step(memory, at_rest, straight.body)
+    assert orders
+    assert not reflex.notes(memory)
+    for tick in range(1, 60):
+        later = replace(at_rest, stamp=at_rest.stamp + 0.02 * tick)
+        _, memory = reflex.step(memory, later, straight.body)
+    assert "has not ended after 1 s" in reflex.notes(memory)[0]

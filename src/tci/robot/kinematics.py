@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
 from tci.messages.frames import Array, read_only, transform
 from tci.robot.description import Model, Robot
-from tci.robot.kernels.links import BEFORE, SERVO, link_poses, pose_and_jacobian
+from tci.robot.kernels.links import STEP, VISIT, link_poses, pose_and_jacobian
 from tci.robot.like import RobotLike, as_robot
 from tci.robot.model_file import BOUND_INERTIA, BOUND_MASS, compiled, load_spec
 from tci.support.engine import mujoco
@@ -28,6 +28,7 @@ _ORIGIN = np.zeros(3)
 _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 _ONE_AXIS = int(mujoco.mjtJoint.mjJNT_HINGE), _SLIDE
 Indices = NDArray[np.int64]
+Records = NDArray[np.void]
 
 
 class KinematicChain:
@@ -59,17 +60,16 @@ class KinematicChain:
         steps = _Steps(robot, model)
         self.torso = steps.add(steps.after[self.body(robot.model.torso_link)], _fixed(robot.model.T_LT))
         """Index in `steps` of the kinematic step that ends at the torso frame."""
-        self.steps: Indices = read_only(steps.steps, np.int64)
-        """Steps (s, 3). The columns are: index of the previous step, -1 for the world; servo, -1 for none; 1
-        if the joint is prismatic."""
+        self.steps: Records = read_only(steps.steps, STEP)
+        """Steps (s,), each a `STEP`."""
         self.sums: Array = read_only(steps.sums)
         """Matrices K0, K1 and K2 (s, 3, 3, 4) of the s steps. Relative to the end of the previous step, the
         pose at the end of a step is K0 + K1 cos q + K2 sin q at the joint angle q, and K0 + K1 q for a
         prismatic joint. The last column of the pose is the position [m]."""
         self._axes: Array = read_only(steps.axes)
         self._after: Indices = read_only([steps.after[body] for body in range(model.nbody)], np.int64)
-        self._asked: dict[tuple[str, ...], tuple[Indices, Indices]] = {}
-        self._jacobians: dict[str, tuple[Indices, Indices]] = {}
+        self._asked: dict[tuple[str, ...], tuple[Indices, Records]] = {}
+        self._jacobians: dict[str, tuple[Indices, Records]] = {}
 
     def poses(self, position: ArrayLike, links: Iterable[str]) -> dict[str, Array]:
         """Returns `T_TL` (4, 4), the pose in the torso frame, of each of `links`.
@@ -134,7 +134,7 @@ class KinematicChain:
         """
         up, down = self._above(self.torso), self._above(int(self._after[self.body(link)]))
         way = [step for step in up if step not in down] + [step for step in down[::-1] if step not in up]
-        servos = [self._mimics.leader(servo) for servo in self.steps[way, SERVO].tolist()] if way else []
+        servos = [self._mimics.leader(servo) for servo in self.steps["servo"][way].tolist()] if way else []
         return tuple(dict.fromkeys(servo for servo in servos if servo >= 0))
 
     def extended(self, position: ArrayLike) -> Array:
@@ -147,12 +147,12 @@ class KinematicChain:
         contains row numbers of the table `steps`."""
         return np.array([self._after[body] for body in bodies], np.int64)
 
-    def path(self, ends: Iterable[int]) -> Indices:
-        """Returns a table (k, 2) of k rows of `steps`: all steps on the paths from the model's root to the
+    def path(self, ends: Iterable[int]) -> Records:
+        """Returns a `VISIT` (k,) of each of k steps: all steps on the paths from the model's root to the
         torso and to some links. `ends` are the indices in `steps` of the last step to each link. Parents come
         first.
 
-        The first column is the index of the step. The second column is 1 if the step's servo moves the first
+        The sign is 1 if the step's servo moves the first
         of these links but not the torso, -1 if the servo moves the torso but not this link, and 0 otherwise.
         """
         above = [self._above(end) for end in ends]
@@ -160,9 +160,9 @@ class KinematicChain:
         first = above[0] if above else []
         steps = sorted({step for way in (torso, *above) for step in way})
         signs = [
-            (int(step in first) - int(step in torso)) * int(self.steps[step, SERVO] >= 0) for step in steps
+            (int(step in first) - int(step in torso)) * int(self.steps["servo"][step] >= 0) for step in steps
         ]
-        return read_only(np.column_stack([steps, signs]), np.int64)
+        return read_only([*zip(steps, signs, strict=True)], VISIT)
 
     def body(self, link: str) -> int:
         """Returns the index of a link in the model. Raises UnknownNameError if the model lacks the link."""
@@ -171,7 +171,7 @@ class KinematicChain:
         except KeyError:
             raise UnknownNameError("link of the kinematic model", link, self.links) from None
 
-    def _poses(self, position: ArrayLike, ends: Indices, path: Indices) -> Array:
+    def _poses(self, position: ArrayLike, ends: Indices, path: Records) -> Array:
         poses, work = np.empty((len(ends), 4, 4)), np.empty((len(self.steps), 3, 4))
         link_poses(self._checked(position), path, self.steps, self.sums, ends, self.torso, work, poses)
         return poses
@@ -182,7 +182,7 @@ class KinematicChain:
         result = []
         while step >= 0:
             result.append(step)
-            step = int(self.steps[step, BEFORE])
+            step = int(self.steps["before"][step])
         return result
 
     def _checked(self, position: ArrayLike) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tci.messages.contacts import CONTACT
 from tci.messages.frames import Array
 from tci.robot.kernels.limb import Vector
-from tci.robot.kernels.links import take_steps
+from tci.robot.kernels.links import STEPS, VISITS, take_steps
 from tci.skin.kernels.arrays import LAYOUT, LayoutArrays
 from tci.skin.kernels.nearest import nearest
 from tci.support.compiled import compiled, inlined, reads, record, writes
@@ -29,8 +29,8 @@ class Chain(NamedTuple):
     """Kinematics of the links with skin: steps from one joint to the next, in the arrays of
     `tci.robot.kinematics`."""
 
-    path: NDArray[np.int64]
-    steps: NDArray[np.int64]
+    path: NDArray[np.void]
+    steps: NDArray[np.void]
     sums: Array
     ends: NDArray[np.int64]
     """For each of p patches, the index (p,) in `steps` of the step, from one joint to the next, that ends at
@@ -55,7 +55,7 @@ class Room(NamedTuple):
     touching sphere, and the normal there."""
 
 
-CHAIN = record(Chain, reads(2, int64), reads(2, int64), reads(4), reads(1, int64))
+CHAIN = record(Chain, VISITS, STEPS, reads(4), reads(1, int64))
 ROOM = record(Room, writes(3), writes(3), writes(3), writes(2))
 
 

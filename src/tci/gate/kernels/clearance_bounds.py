@@ -13,12 +13,12 @@ from numba import float64, int32, int64, void
 from numpy.typing import NDArray
 
 from tci.messages.frames import Array
-from tci.robot.kernels.links import take_steps
+from tci.robot.kernels.links import STEPS, VISITS, take_steps
 from tci.skin.kernels.arrays import Indices
 from tci.support.compiled import compiled, inlined, reads, returns, writes
 
 SOLIDS = returns(
-    reads(2, int64), reads(2, int64), reads(4), reads(2), reads(2), reads(2), reads(2, int32), reads(2)
+    VISITS, STEPS, reads(4), reads(2), reads(2), reads(2), reads(2, int32), reads(2)
 )  # fmt: skip
 """Numba types of the arrays `path`, `steps`, `sums`, `shapes`, `points`, `poses`, `pairs` and `levers` of the
 class `Solids`, in this order."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tci.errors import TciError
 from tci.messages.frames import Array, read_only
 from tci.robot.clearance import Clearance
+from tci.robot.kernels.links import STEP, VISIT
 from tci.robot.kinematics import turning
 from tci.skin.kernels.arrays import Indices
 from tci.support.engine import mujoco
@@ -28,14 +29,14 @@ class Solids:
     after the joints that carry it."""
     zero: Array
     """For each joint (j,): angle [rad] of its servo while the joint of the model is at zero."""
-    steps: NDArray[np.int64]
-    """Steps (j, 3) from joint to joint, as `KinematicChain.steps`: each joint is one step, after the step of
+    steps: NDArray[np.void]
+    """Steps (j,) from joint to joint, as `KinematicChain.steps`: each joint is one step, after the step of
     the joint that carries it. The kinematics of the robot itself do not fit here: joints that only follow a
     servo stay at 0."""
     sums: Array
     """Matrices (j, 3, 3, 4) of the steps, as `KinematicChain.sums`."""
-    path: NDArray[np.int64]
-    """All steps (j, 2), as `KinematicChain.path` lists them."""
+    path: NDArray[np.void]
+    """All steps (j,), as `KinematicChain.path` lists them."""
     shapes: Array
     """One row for each shape (g, 16). A shape is the convex hull of some points, extended on all sides by an
     ellipsoid: the vectors E u with |u| <= 1. The columns:
@@ -94,9 +95,9 @@ class Solids:
         return Solids(
             servos=np.array([servo_of[joint] for joint in range(model.njnt)], dtype=np.intp),
             zero=read_only(model.qpos0[model.jnt_qposadr]),
-            steps=read_only(np.column_stack([above, np.arange(count), np.zeros(count)]), np.int64),
+            steps=read_only([(above[joint], joint, 0) for joint in range(count)], STEP),
             sums=read_only(sums),
-            path=read_only(np.column_stack([np.arange(count), np.zeros(count)]), np.int64),
+            path=read_only([(joint, 0) for joint in range(count)], VISIT),
             shapes=read_only(solids),
             points=read_only(cloud),
             poses=read_only(np.array(poses).reshape(-1, 12)),

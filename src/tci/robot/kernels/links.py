@@ -3,35 +3,36 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import int64, void
+from numba import from_dtype, int64, void
 from numpy.typing import NDArray
 
 from tci.messages.frames import Array
 from tci.support.compiled import compiled, inlined, reads, views, writes
 
-BEFORE, SERVO, SLIDES = range(3)
-"""Columns of the table `KinematicChain.steps`. Each row of this table is a step: a fixed offset or a joint on
-the way from the world to a link. The columns are: index of the previous step (-1 for the world), index of the
-servo (-1 for none), and 1 if the joint is prismatic, otherwise 0."""
-STEP, SIGN = range(2)
-"""Columns of a table `path`, which lists the steps (fixed offsets and joints) on the way to some links. The
-columns are: index of the step in the table `steps`, and the sign (1 or -1) with which the step's servo counts
-in a Jacobian; 0 if it does not count."""
+STEP = np.dtype([("before", np.int64), ("servo", np.int64), ("slides", np.int64)])
+"""A step: a fixed offset or a joint on the way from the world to a link. Its fields are: index of the
+previous step (-1 for the world), index of the servo (-1 for none), and 1 if the joint is prismatic, otherwise
+0."""
+VISIT = np.dtype([("step", np.int64), ("sign", np.int64)])
+"""A step on the way to some links: its index among all steps, and the sign (1 or -1) with which its servo
+counts in a Jacobian; 0 if it does not count."""
+STEPS, VISITS = reads(1, from_dtype(STEP)), reads(1, from_dtype(VISIT))
+"""Numba types of an array of STEP, and of VISIT."""
 
 
 @inlined
 def take_steps(
-    position: Array, path: NDArray[np.int64], steps: NDArray[np.int64], sums: Array, work: Array
+    position: Array, path: NDArray[np.void], steps: NDArray[np.void], sums: Array, work: Array
 ) -> None:
     """Computes the pose in the world frame at the end of each step (fixed offset or joint) of `path`, and
     writes it into the step's row of `work` (s, 3, 4). The arguments are those of `link_poses`."""
     for k in range(len(path)):
-        s = path[k, STEP]
-        before, servo = steps[s, BEFORE], steps[s, SERVO]
+        s = path[k].step
+        before, servo = steps[s].before, steps[s].servo
         x = y = 0.0
         if servo >= 0:
             q = position[servo]
-            x, y = (q, 0.0) if steps[s, SLIDES] else (np.cos(q), np.sin(q))
+            x, y = (q, 0.0) if steps[s].slides else (np.cos(q), np.sin(q))
         for j in range(4):
             a, b, c = (
                 sums[s, 0, 0, j] + x * sums[s, 1, 0, j] + y * sums[s, 2, 0, j],
@@ -46,13 +47,11 @@ def take_steps(
                 work[s, i, j] = T[0] * a + T[1] * b + T[2] * c + (T[3] if j == 3 else 0.0)
 
 
-@compiled(
-    void(reads(1), reads(2, int64), reads(2, int64), reads(4), reads(1, int64), int64, writes(3), writes(3))
-)
+@compiled(void(reads(1), VISITS, STEPS, reads(4), reads(1, int64), int64, writes(3), writes(3)))
 def link_poses(
     position: Array,
-    path: NDArray[np.int64],
-    steps: NDArray[np.int64],
+    path: NDArray[np.void],
+    steps: NDArray[np.void],
     sums: Array,
     ends: NDArray[np.int64],
     torso: int,
@@ -64,9 +63,9 @@ def link_poses(
     The kinematic model consists of s steps; a step is a fixed offset or a joint. `ends` (l,) are the indices
     of the steps that end at the links, and `torso` is the index of the step that ends at the torso frame.
 
-    `position` (n,) [rad] are the angles of the servos, and then of the joints that follow servos. `path` (k,
-    2) lists all required steps, each after the step before it; the columns are `STEP` and `SIGN`. `steps` (s,
-    3) and `sums` (s, 3, 3, 4) are those of `KinematicChain`. `work` (s, 3, 4) is work space.
+    `position` (n,) [rad] are the angles of the servos, and then of the joints that follow servos. `path` (k,)
+    lists all required steps as VISIT, each after the step before it. `steps` (s,) and `sums` (s, 3, 3, 4) are
+    those of `KinematicChain`. `work` (s, 3, 4) is work space.
     """
     take_steps(position, path, steps, sums, work)
     T_WT = work[torso]
@@ -83,14 +82,14 @@ def link_poses(
 
 @compiled(
     void(
-        reads(1), reads(2, int64), reads(2, int64), reads(4), reads(3), reads(1, int64), views(1), writes(3),
+        reads(1), VISITS, STEPS, reads(4), reads(3), reads(1, int64), views(1), writes(3),
         writes(2), writes(2),
     )
 )  # fmt: skip
 def pose_and_jacobian(
     position: Array,
-    path: NDArray[np.int64],
-    steps: NDArray[np.int64],
+    path: NDArray[np.void],
+    steps: NDArray[np.void],
     sums: Array,
     axes: Array,
     ends: NDArray[np.int64],
@@ -125,10 +124,10 @@ def pose_and_jacobian(
         pose[3, i] = 0.0
     pose[3, 3] = 1.0
     for k in range(len(path)):
-        s, sign = path[k, STEP], float(path[k, SIGN])
+        s, sign = path[k].step, float(path[k].sign)
         if sign == 0.0:
             continue
-        before, column = steps[s, BEFORE], steps[s, SERVO]
+        before, column = steps[s].before, steps[s].servo
         a, b, c = axes[s, 0, 0], axes[s, 0, 1], axes[s, 0, 2]
         p, q, r = axes[s, 1, 0], axes[s, 1, 1], axes[s, 1, 2]
         if before >= 0:
@@ -143,7 +142,7 @@ def pose_and_jacobian(
                 T[1, 0] * p + T[1, 1] * q + T[1, 2] * r + T[1, 3],
                 T[2, 0] * p + T[2, 1] * q + T[2, 2] * r + T[2, 3],
             )
-        slides = steps[s, SLIDES] == 1
+        slides = steps[s].slides == 1
         u, v, w = (
             (a, b, c)
             if slides

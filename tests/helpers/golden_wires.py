@@ -291,7 +291,6 @@ def player() -> tuple[Said, Said]:
 def unitree() -> tuple[Said, Said]:
     from tci.wires.unitree import server as servers
     from tci.wires.unitree.driver import slots_of
-    from tci.wires.unitree.handover import DQ, KD, KP, TAU, Q
     from tci.wires.unitree.set_points import SetPoints
     from tci.wires.unitree.wire import COMMAND, encode_command
 
@@ -302,8 +301,8 @@ def unitree() -> tuple[Said, Said]:
             chosen, targets = points.of(safe)
             record: Any = np.zeros((), COMMAND)
             record["motor"]["mode"][: len(chosen)] = chosen
-            for name, row in (("q", Q), ("dq", DQ), ("tau", TAU), ("kp", KP), ("kd", KD)):
-                record["motor"][name][: len(chosen)] = targets[row]
+            for name in targets.dtype.names:
+                record["motor"][name][: len(chosen)] = targets[name]
             written.append(encode_command(record).hex())
     served, shown = Served(robot), []
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from tci.errors import DriverError
 from tci.wires.unitree.address import parse_unitree
-from tci.wires.unitree.handover import KP, ROWS, Q
+from tci.wires.unitree.handover import holding
 from tci.wires.unitree.health import Health
 from tci.wires.unitree.held_motors import HeldMotors
 from tci.wires.unitree.motors import ARM_GAINS, MOTORS
@@ -38,8 +38,8 @@ def hold(domain: int, period: float, tell: Callable[[str], None]) -> None:
     held = held_motors(f"lo/{domain}", period)
     tell("asked")
     held.wait()
-    targets = np.full((ROWS, MOTORS), 0.1)
-    targets[Q], targets[KP:] = 0.3, ARM_GAINS
+    targets = holding(np.full(MOTORS, 0.3), ARM_GAINS)
+    targets["dq"] = targets["tau"] = 0.1
     for count in range(100_000):
         held.follow(np.ones(MOTORS, dtype=bool), targets)
         held.poll()

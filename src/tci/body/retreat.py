@@ -14,7 +14,7 @@ import numpy as np
 
 from tci.body.kernels.goals import Within, keep_within
 from tci.body.kernels.rest_to_rest import TIMES, Speeds, predict
-from tci.body.kernels.retreat import Chain, Room, retreats
+from tci.body.kernels.retreat import NEAR, Chain, Room, retreats
 from tci.errors import CommandError, UnknownNameError
 from tci.gate.bounds import bounds_of
 from tci.messages import Contacts, Mode
@@ -121,7 +121,7 @@ class Retreat:
                 Room(
                     np.empty((steps, 3, 4)),
                     np.empty((count, 3, 2)),
-                    np.empty((count, patches, 5)),
+                    np.empty((count, patches), NEAR),
                     np.empty((2, 3)),
                 ),
                 result,

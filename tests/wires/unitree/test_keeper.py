@@ -30,7 +30,7 @@ from tci.reasons import Code
 from tci.runtime.control import Control
 from tci.wires.unitree import messages
 from tci.wires.unitree.driver import UnitreeDriver
-from tci.wires.unitree.handover import GIVE, KP, LONGEST, ROWS, TAKE, Phase, Q
+from tci.wires.unitree.handover import GIVE, LONGEST, TAKE, Phase, holding
 from tci.wires.unitree.held_motors import HeldMotors
 from tci.wires.unitree.motors import ARM_GAINS, MOTORS
 from tci.wires.unitree.node import UnitreeNode
@@ -58,8 +58,7 @@ def hold(domain: int) -> HeldMotors:
 
 
 def lead(held: HeldMotors, angle: float, seconds: float) -> None:
-    targets = np.zeros((ROWS, MOTORS))
-    targets[Q], targets[KP:] = angle, ARM_GAINS
+    targets = holding(np.full(MOTORS, angle), ARM_GAINS)
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         held.follow(ALL, targets)

@@ -37,7 +37,7 @@ class Stream:
         motor = self._motor = self._command["motor"]
         motor["mode"][12:29], motor["q"][WEIGHT] = 1, 1.0
         motor["q"][slots_of(ROBOT)] = posture
-        motor["kp"][:MOTORS], motor["kd"][:MOTORS] = ARM_GAINS
+        motor["kp"][:MOTORS], motor["kd"][:MOTORS] = ARM_GAINS["kp"], ARM_GAINS["kd"]
         self._count = 0
 
     def take(self, most: int) -> list[Any]:

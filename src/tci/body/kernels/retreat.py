@@ -3,7 +3,7 @@ touching objects."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import float64, from_dtype, int64, void
@@ -17,10 +17,10 @@ from tci.skin.kernels.arrays import LAYOUT, LayoutArrays
 from tci.skin.kernels.nearest import nearest
 from tci.support.compiled import compiled, inlined, reads, record, writes
 
-FREE, LIMIT = 3, 4
-"""Columns of `Room.near`, after the centre of the sphere that represents a touching object. `FREE`: distance
-[m] that the sphere can move, relative to a patch, before it can touch the patch. `LIMIT`: distance [m] from
-the centre below which skin counts as inside the sphere."""
+NEAR = np.dtype([(name, np.float64) for name in ("x", "y", "z", "free", "limit")])
+"""The sphere that represents a touching object, relative to a patch: its centre [m] in the frame of the
+patch's link, the distance [m] that it can move before it can touch the patch, and the distance [m] from the
+centre below which skin counts as inside."""
 STILL = 1e-9
 """Largest displacement [m] of a touching object relative to a link that counts as no displacement."""
 
@@ -46,17 +46,15 @@ class Room(NamedTuple):
     first: Array
     """Initial place [m] and outward normal of each of c touched points, in the world frame, as two columns
     (c, 3, 2)."""
-    near: Array
-    """State (c, p, 5) of the sphere at each of c touched points, relative to each of p patches: centre [m] in
-    the frame of the patch's link (3 numbers), distance [m] that the sphere can move before it touches the
-    patch, and distance [m] from the centre below which skin counts as inside."""
+    near: NDArray[np.void]
+    """The sphere at each of c touched points, relative to each of p patches, as NEAR (c, p)."""
     found: Array
     """Result (2, 3) of the latest search on a patch: the surface point [m] that is nearest to the centre of a
     touching sphere, and the normal there."""
 
 
 CHAIN = record(Chain, VISITS, STEPS, reads(4), reads(1, int64))
-ROOM = record(Room, writes(3), writes(3), writes(3), writes(2))
+ROOM = record(Room, writes(3), writes(3), writes(2, from_dtype(NEAR)), writes(2))
 
 
 @inlined
@@ -83,31 +81,31 @@ def _gap(point: Vector, p: int, layout: LayoutArrays, radius: float, found: Arra
 
 
 @inlined
-def _depth(centre: Vector, p: int, layout: LayoutArrays, radius: float, near: Array, found: Array) -> float:
+def _depth(centre: Vector, p: int, layout: LayoutArrays, radius: float, near: Any, found: Array) -> float:
     """Returns the greatest depth [m] by which patch `p` enters a sphere of `radius` [m], while the sphere's
     centre moves from its last position to `centre` [m]. Depth at the start of the whole motion does not
     count.
 
-    Positions are in the frame of the patch's link. `near` (5,) is the element of `Room.near` for this sphere
+    Positions are in the frame of the patch's link. `near` is the element of `Room.near` for this sphere
     and patch; it contains the last position and is updated.
     """
-    x, y, z = near[0], near[1], near[2]
+    x, y, z = near.x, near.y, near.z
     u, v, w = centre[0] - x, centre[1] - y, centre[2] - z
-    near[0], near[1], near[2] = centre
+    near.x, near.y, near.z = centre
     length = np.sqrt(u * u + v * v + w * w)
     depth: float = 0.0
     done = 0.0
     if length <= STILL:
         return depth
-    while near[FREE] < length - done:
-        done = min(done + max(near[FREE], 0.5 * radius), length)
+    while near.free < length - done:
+        done = min(done + max(near.free, 0.5 * radius), length)
         s = done / length
         gap = _gap((x + s * u, y + s * v, z + s * w), p, layout, radius, found)
-        depth = max(depth, near[LIMIT] - gap)
-        near[FREE] = max(gap - near[LIMIT], 0.0)
+        depth = max(depth, near.limit - gap)
+        near.free = max(gap - near.limit, 0.0)
         if done >= length:
             return depth
-    near[FREE] -= length - done
+    near.free -= length - done
     return depth
 
 
@@ -177,10 +175,10 @@ def retreats(
                     )
                     near = room.near[c, patch]
                     if k == 0:
-                        near[0], near[1], near[2] = centre
+                        near.x, near.y, near.z = centre
                         gap = _gap(centre, patch, layout, radius, room.found)
-                        near[LIMIT] = min(radius, gap)
-                        near[FREE] = gap - near[LIMIT]
+                        near.limit = min(radius, gap)
+                        near.free = gap - near.limit
                     else:
                         depth = max(depth, _depth(centre, patch, layout, radius, near, room.found))
                 if k > 0:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.messages.frames import Array
-from tci.wires.unitree.motors import MOTORS
+from tci.wires.unitree.motors import MOTORS, TARGET
 
 TAKE = 1.0
 """Time [s] in which weight or stiffness rises to the full value. Assumed: the shortest time in the vendor's
@@ -40,9 +40,6 @@ MOVED_AWAY = 0.1
 """A motor has moved away from its target if its distance from the target has grown by more than this [rad]
 during a gap in the states. Assumed: the robot's own controller moves a motor by this angle in 0.2 s, if that
 controller's posture is 1 rad away."""
-ROWS = 5
-Q, DQ, TAU, KP, KD = range(ROWS)
-"""Rows of targets (5, 29): angle, velocity, torque and gains of each motor."""
 
 
 class Phase(IntEnum):
@@ -60,19 +57,25 @@ class Phase(IntEnum):
     not change. Over rt/lowcmd, the motors are damped."""
 
 
+def holding(posture: Array, gains: NDArray[np.void]) -> NDArray[np.void]:
+    """`TARGET`s (29,) with which the motors hold `posture` (29,) [rad]."""
+    targets = np.zeros(MOTORS, TARGET)
+    targets["q"], targets["kp"], targets["kd"] = posture, gains["kp"], gains["kd"]
+    return targets
+
+
 class Handover:
     """Weight and targets of the motors during the handover. The caller passes the present time to each
     method."""
 
-    def __init__(self, gains: Array, *, whole: bool) -> None:
-        """Stores the motors' gains (2, 29): row 0 is the full stiffness [N m/rad], row 1 the full damping [N
-        m s/rad]. `whole` is True for control over rt/lowcmd."""
+    def __init__(self, gains: NDArray[np.void], *, whole: bool) -> None:
+        """Stores the motors' `GAINS` (29,). `whole` is True for control over rt/lowcmd."""
         self.phase = Phase.WAITING
         self.weight = 0.0
         """For control over rt/arm_sdk: weight (0..1) of TCI's targets. For control over rt/lowcmd: fraction
         (0..1) of the full stiffness."""
         self._gains, self._whole = gains, whole
-        self._goal = np.zeros((ROWS, MOTORS))
+        self._goal = np.zeros(MOTORS, TARGET)
         self._now = self._told = 0.0
         self._pushed = np.zeros(MOTORS, dtype=bool)
 
@@ -82,33 +85,33 @@ class Handover:
         """
         if self.phase is Phase.WAITING:
             self.phase, self.weight = Phase.TAKING, 0.0
-            self._goal[Q], self._goal[DQ:KP], self._goal[KP:] = posture, 0.0, self._gains
+            self._goal = holding(posture, self._gains)
             self._pushed[:] = False
             self._now = self._told = now
 
-    def resume(self, goal: Array, weight: float, now: float) -> None:
-        """Begins to hand back motors that another process controlled. `goal` (5, 29) are the last targets of
-        that process (angle, velocity, torque and two gains of each motor), and `weight` is its last
-        `Handover.weight`.
+    def resume(self, goal: NDArray[np.void], weight: float, now: float) -> None:
+        """Begins to hand back motors that another process controlled. `goal` (29,) has the last `TARGET`s of
+        that process, and `weight` is its last `Handover.weight`.
         """
         self.phase, self.weight = Phase.LEADING, weight
         self._goal[:] = goal
         self._now = self._told = now
         self.give()
 
-    def follow(self, chosen: NDArray[np.bool_], targets: Array, posture: Array, now: float) -> None:
-        """Stores new targets (5, 29) for the `chosen` motors (29,): angle, velocity, torque and gains. The
-        targets of other motors do not change. If a motor followed a torque and is no longer chosen, the
+    def follow(
+        self, chosen: NDArray[np.bool_], targets: NDArray[np.void], posture: Array, now: float
+    ) -> None:
+        """Stores a new `TARGET` (29,) for each of the `chosen` motors (29,). The targets of other motors do
+        not change. If a motor followed a torque and is no longer chosen, the
         motor's new target is the motor's angle in `posture` (29,) [rad].
         """
         if self.phase is not Phase.LEADING:
             return
         left = self._pushed & ~chosen
-        self._goal[Q, left] = posture[left]
-        self._goal[KP:, left] = self._gains[:, left]
-        self._goal[DQ:KP, ~chosen] = 0.0
-        self._goal[:, chosen] = targets[:, chosen]
-        self._pushed = chosen & (targets[TAU] != 0.0)
+        self._goal[left] = holding(posture, self._gains)[left]
+        self._goal["dq"][~chosen] = self._goal["tau"][~chosen] = 0.0
+        self._goal[chosen] = targets[chosen]
+        self._pushed = chosen & (targets["tau"] != 0.0)
         self._told = now
 
     def give(self) -> None:
@@ -129,13 +132,12 @@ class Handover:
         motor is always at a small distance from its target.
         """
         self.give()
-        goal = self._goal[Q]
+        goal = self._goal["q"]
         away = np.abs(posture - goal) > np.abs(before - goal) + MOVED_AWAY
         goal[away] = posture[away]
 
-    def step(self, now: float) -> Array:
-        """Advances the handover to the time `now` [s]. Returns the targets (5, 29) to send; the rows are
-        angle, velocity, torque, stiffness and damping."""
+    def step(self, now: float) -> NDArray[np.void]:
+        """Advances the handover to the time `now` [s]. Returns the `TARGET`s (29,) to send."""
         elapsed = min(max(now - self._now, 0.0), LONGEST)
         self._now = now
         if self.phase is Phase.TAKING:
@@ -148,10 +150,10 @@ class Handover:
                 self.phase = Phase.WAITING
         sent = self._goal.copy()
         if self.phase is not Phase.LEADING or now - self._told > QUIET:
-            sent[DQ:KP] = 0.0
-            sent[KD] = np.maximum(sent[KD], self._gains[1])
+            sent["dq"] = sent["tau"] = 0.0
+            sent["kd"] = np.maximum(sent["kd"], self._gains["kd"])
         if self._whole and self.phase is Phase.TAKING:
-            sent[KP] *= self.weight
+            sent["kp"] *= self.weight
         elif self._whole and self.phase is not Phase.LEADING:
-            sent[KP], sent[KD] = 0.0, DAMPING
+            sent["kp"], sent["kd"] = 0.0, DAMPING
         return sent

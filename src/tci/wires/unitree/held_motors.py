@@ -18,14 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import DriverError
-from tci.messages.frames import Array
 from tci.wires.unitree.address import UnitreeAddress
 from tci.wires.unitree.handover import GIVE as GIVE_TIME
-from tci.wires.unitree.handover import KP, ROWS, Phase, Q
 from tci.wires.unitree.handover import TAKE as TAKE_TIME
+from tci.wires.unitree.handover import Phase, holding
 from tci.wires.unitree.health import Health
 from tci.wires.unitree.keeper import FOLLOW, FOLLOWS, GIVE, STATUS, TAKE, Keeper, Orders, keep
-from tci.wires.unitree.motors import MOTORS, gains
+from tci.wires.unitree.motors import MOTORS, TARGET, gains
 from tci.wires.unitree.node import UnitreeNode
 
 WAIT = 10.0
@@ -57,7 +56,7 @@ class HeldMotors:
             raise DriverError("a Unitree robot can be moved from Linux only; valid: connect with arm=False")
         self.status = Status(Phase.WAITING, False, 0.0, "")
         self._node, self._health = node, health
-        self._goal, self._told = np.zeros((ROWS, MOTORS)), np.zeros(MOTORS, dtype=bool)
+        self._goal, self._told = np.zeros(MOTORS, TARGET), np.zeros(MOTORS, dtype=bool)
         self._lock, self._ended = threading.Lock(), False
         self._successor: Keeper | None = None
         self._fade: threading.Thread | None = None
@@ -115,12 +114,11 @@ class HeldMotors:
                 self.take()
             time.sleep(0.01)
 
-    def follow(self, chosen: NDArray[np.bool_], targets: Array) -> None:
-        """Sends targets (5, 29) for the `chosen` motors (29,) to the keeper. The rows are angles [rad],
-        velocities [rad/s], torques [N m], and the gains of angle and velocity."""
-        self._told = (self._told & (self._goal[KP] > 0.0)) | chosen
-        self._goal[:, chosen] = targets[:, chosen]
-        self._send(FOLLOWS.pack(FOLLOW, *chosen.tolist(), *targets.ravel().tolist()))
+    def follow(self, chosen: NDArray[np.bool_], targets: NDArray[np.void]) -> None:
+        """Sends the `TARGET`s (29,) of the `chosen` motors (29,) to the keeper."""
+        self._told = (self._told & (self._goal["kp"] > 0.0)) | chosen
+        self._goal[chosen] = targets[chosen]
+        self._send(FOLLOWS.pack(FOLLOW, *chosen.tolist(), targets.tobytes()))
 
     def close(self) -> None:
         """Hands the motors back, and waits until the robot's own controller has the motors."""
@@ -149,9 +147,8 @@ class HeldMotors:
                 words = self.status.reason or "the process that holds the motors has ended"
                 self.status = Status(Phase.WAITING, True, 0.0, words)
                 return
-        goal = np.zeros((ROWS, MOTORS))
-        goal[Q], goal[KP:] = self._health.posture, gains(whole=self._orders.whole)
-        goal[:, self._told] = self._goal[:, self._told]
+        goal = holding(self._health.posture, gains(whole=self._orders.whole))
+        goal[self._told] = self._goal[self._told]
         state, weight = self._health.state, self.status.weight
 
         def fade() -> None:

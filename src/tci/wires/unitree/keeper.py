@@ -21,20 +21,20 @@ from types import FrameType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tci.errors import DriverError, FrameError, TciError
-from tci.messages.frames import Array
 from tci.wires.unitree import messages
-from tci.wires.unitree.handover import DQ, KD, KP, ROWS, TAU, Handover, Phase, Q
+from tci.wires.unitree.handover import Handover, Phase
 from tci.wires.unitree.health import STALE, Health
-from tci.wires.unitree.motors import MOTORS, absent, commanded, gains
+from tci.wires.unitree.motors import MOTORS, TARGET, absent, commanded, gains
 from tci.wires.unitree.node import UnitreeNode, latest
 from tci.wires.unitree.wire import COMMAND, WEIGHT, decode_state, encode_command
 
 TAKE, GIVE, FOLLOW = b"T", b"G", b"F"
 """Kinds of messages from the driver to the keeper: take the motors, give them back, and follow new targets.
 The kind is the first byte of a message."""
-FOLLOWS = struct.Struct(f"<c{MOTORS}?{ROWS * MOTORS}d")
+FOLLOWS = struct.Struct(f"<c{MOTORS}?{MOTORS * TARGET.itemsize}s")
 STATUS = struct.Struct("<B?d")
 """First values of a status message: the phase of the handover, True after a fault that lasts until a person
 connects again, and the degree (0..1) to which TCI has taken the motors (`Handover.weight`). The rest of the
@@ -94,12 +94,12 @@ class Keeper:
         self._reason = ""
         self._told = b""
 
-    def take_over(self, state: Any, goal: Array, weight: float, now: float) -> None:
+    def take_over(self, state: Any, goal: NDArray[np.void], weight: float, now: float) -> None:
         """Takes over from a keeper that was killed, and begins to hand the motors back to the robot's own
         controller.
 
-        `goal` (5, 29) are the last targets of that keeper (angle, velocity, torque and two gains of each
-        motor), and `weight` is the last weight of these targets. `state` is the robot's latest state.
+        `goal` (29,) has the last `TARGET`s of that keeper, and `weight` is the last weight of these targets.
+        `state` is the robot's latest state.
         """
         self._address(state)
         self.leaving = True
@@ -160,10 +160,9 @@ class Keeper:
             elif len(message) == FOLLOWS.size:
                 targets = message
         if targets and self.health.state is not None:
-            values = FOLLOWS.unpack(targets)
-            chosen = np.array(values[1 : 1 + MOTORS])
-            goal = np.array(values[1 + MOTORS :]).reshape(ROWS, MOTORS)
-            if np.isfinite(goal).all():
+            _, *these, packed = FOLLOWS.unpack(targets)
+            chosen, goal = np.array(these), np.frombuffer(packed, TARGET)
+            if np.isfinite(goal.view(float)).all():
                 self._followed = now
                 self.handover.follow(chosen, goal, self.health.posture, now)
 
@@ -212,12 +211,11 @@ class Keeper:
         self._command["mode_pr"], self._command["mode_machine"] = state["mode_pr"], state["mode_machine"]
 
     def _send(self, targets: Any) -> None:
-        """Sends `targets` (5, 29) for 29 motors to the robot: angle [rad], velocity [rad/s], torque [N m],
-        stiffness and damping. Motors that TCI does not command stay disabled."""
+        """Sends the `TARGET`s (29,) to the robot. Motors that TCI does not command stay disabled."""
         motor, these = self._command["motor"], self._commanded
         motor["mode"][these] = 1
-        for name, row in (("q", Q), ("dq", DQ), ("tau", TAU), ("kp", KP), ("kd", KD)):
-            motor[name][these] = targets[row, these]
+        for name in TARGET.names or ():
+            motor[name][these] = targets[name][these]
         if not self._whole:
             motor["q"][WEIGHT] = self.handover.weight
         with suppress(DriverError):  # the next command may be sent again

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import DriverError
-from tci.messages.frames import Array
 
 if TYPE_CHECKING:
     from tci.robot.description import Robot
@@ -44,15 +43,16 @@ VARIANTS: dict[int, tuple[int, tuple[int, ...]]] = {
     6: (27, (13, 14)),
 }
 """Number of motors, and slots without a motor, for each value of `mode_machine` (variant of the robot)."""
+GAINS = np.dtype([("kp", float), ("kd", float)])
+"""Full stiffness [N m/rad] and full damping [N m s/rad] of a motor."""
+TARGET = np.dtype([("q", float), ("dq", float), ("tau", float), ("kp", float), ("kd", float)])
+"""What a motor should do: angle [rad], velocity [rad/s], torque [N m], stiffness and damping."""
 ALL_GAINS = np.array([
-    [60, 60, 60, 100, 40, 40] * 2 + [60, 40, 40] + [40] * 14,
-    [1, 1, 1, 2, 1, 1] * 2 + [1] * 17,
-], dtype=float)  # fmt: skip
-"""Gains (2, 29) over rt/lowcmd for full stiffness [N m/rad] and full damping [N m s/rad], from the vendor's
-example."""
-ARM_GAINS = np.repeat(np.array([[60.0], [1.5]]), MOTORS, axis=1)
-"""Motors' gains (2, 29) for commands over the topic rt/arm_sdk: full stiffness [N m/rad] (row 0) and full
-damping [N m s/rad] (row 1), from the vendor's example."""
+    *[(60, 1), (60, 1), (60, 1), (100, 2), (40, 1), (40, 1)] * 2, (60, 1), (40, 1), (40, 1), *[(40, 1)] * 14,
+], GAINS)  # fmt: skip
+"""Gains (29,) over rt/lowcmd, from the vendor's example."""
+ARM_GAINS = np.array([(60.0, 1.5)] * MOTORS, GAINS)
+"""Gains (29,) over the topic rt/arm_sdk, from the vendor's example."""
 
 
 def hand_motor(robot: Robot, servo: str) -> tuple[str, int] | None:
@@ -66,9 +66,8 @@ def hand_motor(robot: Robot, servo: str) -> tuple[str, int] | None:
     return None if to is None else (to[1], int(to[2]))
 
 
-def gains(*, whole: bool) -> Array:
-    """Returns the motors' gains (2, 29) for full stiffness [N m/rad] and full damping [N m s/rad]. `whole` is
-    True for control over rt/lowcmd, False over rt/arm_sdk."""
+def gains(*, whole: bool) -> NDArray[np.void]:
+    """`whole` is True for control over rt/lowcmd, False over rt/arm_sdk."""
     return ALL_GAINS if whole else ARM_GAINS
 
 

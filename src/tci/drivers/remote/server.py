@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import logging
 import secrets
 import time
 from abc import abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 
 from tci.drivers.driver import Driver
 from tci.drivers.remote.commanders import Commanders
 from tci.drivers.remote.protocol import Orders, State
 from tci.drivers.server import Server
+from tci.errors import FrameError
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Order, Perception, Reading, SkinFrame
 from tci.reasons import Reason
+
+LISTENS_FOR, LISTENS_EVERY = 0.1, 0.5
+"""A server reads the states of others for so long, and so often [s]: reading all of them would cost as much
+as sending its own."""
+_log = logging.getLogger("tci")
 
 
 class RemoteServer(Server):
@@ -32,6 +40,7 @@ class RemoteServer(Server):
         """The processes that command the robot."""
         self._sequence = 0
         self._shown: dict[str, int] = {}
+        self._rivals: set[int] = set()
 
     @abstractmethod
     def _poll(self) -> Iterable[Orders]:
@@ -44,6 +53,21 @@ class RemoteServer(Server):
     @abstractmethod
     def _show_skin(self, frame: SkinFrame) -> None:
         """Sends a frame of skin to all clients."""
+
+    def _overhear(self, read: Callable[[], State]) -> None:
+        """For wires on which servers hear each other: tells, once, that another process serves this robot in
+        the same place, since its behaviours can't tell the two apart. `read` is called for some messages
+        only."""
+        if time.monotonic() % LISTENS_EVERY > LISTENS_FOR:
+            return
+        with suppress(FrameError):
+            session = read().session
+            if session not in (self.number, *self._rivals):
+                self._rivals.add(session)
+                _log.warning(
+                    f"another process serves {self.driver.robot.name} as {self.where()} too, and behaviours "
+                    "can't tell the two apart; valid: end one of them, or give it another name or address"
+                )
 
     def fault(self) -> Reason | None:
         for message in self._poll():

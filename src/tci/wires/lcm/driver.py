@@ -15,6 +15,7 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver
@@ -190,6 +191,8 @@ class LcmServer(RemoteServer):
         there = {commander.client for commander in self.commanders.states()}
         self._homes = {client: home for client, home in self._homes.items() if client in there}
         for name, data, sender in self._bus.poll():
+            if name == "state":
+                self._overhear(partial(to_state, self.driver.robot, data))
             if name != "orders":
                 continue
             try:

@@ -16,7 +16,7 @@ import numpy as np
 
 from tci.drivers.driver import Driver
 from tci.drivers.remote.controllers import Once, PartControllers, values_order
-from tci.drivers.remote.encoding import frame_bytes, state_bytes, to_orders
+from tci.drivers.remote.encoding import frame_bytes, state_bytes, to_orders, to_state
 from tci.drivers.remote.protocol import Orders, SessionFrame, State
 from tci.drivers.remote.server import RemoteServer
 from tci.errors import FrameError
@@ -69,6 +69,7 @@ class RosServer(RemoteServer):
                 patch.name: PatchTopics(robot, number, node, names, kinematics, period)
                 for number, patch in enumerate(robot.skin)
             }
+            node.subscribe(names.state, BYTES, self._hear_state, keep=MOST_ORDERS)
             self._controllers = PartControllers(robot, self.number, of="a ROS node")
             for part in names.parts():
                 node.subscribe(names.trajectory(part), TRAJECTORY, partial(self._execute_trajectory, part))
@@ -119,6 +120,9 @@ class RosServer(RemoteServer):
         topics = self._skin[frame.patch]
         if topics.every.due(frame.stamp):
             topics.publish(SessionFrame(self.number, frame), self._epoch(frame.stamp))
+
+    def _hear_state(self, fields: Mapping[str, Any]) -> None:
+        self._overhear(lambda: to_state(self.driver.robot, bytes(fields["data"])))
 
     def _receive_orders(self, fields: Mapping[str, Any]) -> None:
         self._arrived.append(bytes(fields["data"]))

@@ -49,6 +49,10 @@ def test_record_look_cut_export_and_replay(tmp_path: Path) -> None:
     assert json.loads(tci("log", "touches", path, str(tmp_path / "felt.tsv"), "--json"))["touches"] == 1
     assert "\ttap\tleft forearm " in (tmp_path / "felt.tsv").read_text()
     assert "exists" in tci("log", "touches", path, str(tmp_path / "felt.tsv"), status=1)
+    film = tmp_path / "touch.gif"
+    filmed = json.loads(tci("film", path, str(film), "--from", "0.3", "--to", "0.35", "--json"))
+    assert (filmed["pictures"], filmed["part"]) == (3, "left_arm")
+    assert "valid: within 0.000 to 0.598 s" in tci("film", path, f"{film}.gif", "--from", "7", status=1)
     matrices = tmp_path / "touch.npz"  # the suffix of the file name selects the format
     tci("log", "export", path, str(matrices))
     assert matrices.is_file()

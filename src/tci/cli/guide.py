@@ -20,6 +20,7 @@ NEXT = {
     "record": "tci log info touch.mcap",
     "serve": "tci run withdrawal nao --via zenoh --arm",
     "plot": "tci view --via replay:touch.mcap",
+    "film": "tci plot touch.mcap",
     "robots": "tci describe nao",
     "describe": "tci check nao --simulate",
     "new-robot": "tci check robot.xml --simulate",

@@ -18,6 +18,7 @@ from tci.cli.demo import demo
 from tci.cli.describe import describe
 from tci.cli.doctor import doctor
 from tci.cli.fault import app as fault_app
+from tci.cli.film import film
 from tci.cli.gesture import app as gesture_app
 from tci.cli.guide import NEXT, first_steps
 from tci.cli.log import app as log_app
@@ -40,7 +41,21 @@ app = typer.Typer(
     rich_markup_mode="rich",
 )
 
-for command in (demo, view, run, record, serve, plot, robots, describe, new_robot, touches, check, doctor):
+for command in (
+    demo,
+    view,
+    run,
+    record,
+    serve,
+    plot,
+    film,
+    robots,
+    describe,
+    new_robot,
+    touches,
+    check,
+    doctor,
+):
     app.command(command.__name__.replace("_", "-"))(command)
 app.add_typer(skin_app, name="skin")
 app.add_typer(fault_app, name="fault")

@@ -127,6 +127,12 @@ class Servos:
         self._apply_gains()
         self._physics.data.ctrl[self._actuators] = self._setpoint
 
+    def show(self, angles: Array) -> None:
+        """Puts the joints at the servos' `angles` (n,) [rad] at once, at rest, for a picture."""
+        self._physics.qpos[self.addresses] = self._joint_angles(angles)
+        self._physics.qvel[:] = 0.0
+        self._physics.touch()
+
     @property
     def home(self) -> Array:
         """Returns the initial angle (k,) [rad] of each moving joint."""

@@ -238,6 +238,15 @@ class World:
             hand.retire()
         self._taxels.reset()
 
+    @exclusive
+    def show(self, angles: ArrayLike) -> None:
+        """Puts all servos at `angles` (n,) [rad] at once, for pictures of a posture: no physics takes place.
+        Raises CommandError for another number of angles."""
+        given, count = np.asarray(angles, dtype=float), len(self.robot.servos)
+        if given.shape != (count,) or not np.isfinite(given).all():
+            raise CommandError(f"angles of shape {given.shape}; valid: ({count},), finite")
+        self._servos.show(given)
+
     @property
     def torso(self) -> Array:
         """`T_WT` (4, 4): current pose of the torso frame in the world frame."""

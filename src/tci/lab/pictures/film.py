@@ -14,6 +14,7 @@ from tci.lab.pictures.camera import Camera, fit
 from tci.lab.pictures.paint import FULL_SCALE, field_looks
 from tci.lab.pictures.portrait import Portrait, keep_moment, lowest_shown
 from tci.lab.pictures.video import needs_video, save_video
+from tci.recording.perceived import Perceived
 from tci.runtime.loop import Tick
 from tci.simulation.world import World
 
@@ -62,8 +63,9 @@ class Film:
         self._due = -np.inf
         self._pictures: list[Image.Image] = []
 
-    def see(self, tick: Tick) -> None:
-        """Adds a picture to the film if EVERY [s] have passed since the last picture."""
+    def see(self, tick: Tick | Perceived) -> None:
+        """Adds a picture to the film if EVERY [s] have passed since the last picture. A recorded period must
+        be shown in the world before (`World.show`)."""
         if tick.now < self._due or len(self._pictures) >= MOST:
             return
         self._due = tick.now + EVERY - 1e-9

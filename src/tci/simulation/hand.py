@@ -25,11 +25,12 @@ FRICTION = 0.5
 """Of people and things on skin and shells. Assumed: dry skin on plastic has 0.3 to 0.6."""
 PERSON_PRIORITY = FINGER_PRIORITY + 3
 """The contact's settings are those of the person, whatever the robot's model says of its own geoms."""
-SOFT = [0.5, 0.95, 0.001, 0.5, 2.0]
-"""MuJoCo's `solimp`. With its default of 0.9 for a shallow contact, a light pad lies so near the surface that
-MuJoCo misses single steps of a lasting contact."""
-MARGIN = 2e-4
-"""Distance [m] at which a contact begins."""
+SOFT = [0.0, 0.95, 5e-4, 0.5, 2.0]
+"""MuJoCo's `solimp`: skin gives way by some tenths of a millimetre. With the usual 0.9 for a shallow contact,
+a light pad lies so near the surface that single steps of a lasting contact are missed."""
+MARGIN = 5e-4
+"""Distance [m] at which a contact begins. Assumed: a firm touch is less deep, and outside of a body distances
+are exact."""
 PAD_MASS = 0.015
 """Mass [kg] of a pad. Assumed: light, so that the blow is that of the hand behind it."""
 PAD_DAMPING, ARM_DAMPING = 0.5, 0.7
@@ -38,6 +39,8 @@ _PALM, _TIP = (0.014, 0.025), (0.007, 0.012)
 """Radius and half length [m] of the palm's capsule, which lies across the fingers, and of a finger's, whose
 tip points at the skin. Assumed: an adult's."""
 _COLOUR = (0.85, 0.55, 0.45, 1.0)
+_RUN_UPS = 1.0, 0.5, 0.25
+"""Run-ups that are tried, as fractions of the usual one: between arm and trunk there is little room."""
 _INSIDE = 5e-4
 """Depth [m] in a body at which a hand may not start."""
 
@@ -265,7 +268,13 @@ class Hand:
         link = model.body(path.link).id
         turns = turns_of(path, _long_axis(model, link))
         heights = self._heights(path, turns, link)
-        plan, _ = plan_of(path, heights, turns, physics.step, self._ballistics)
+        for run_up in _RUN_UPS:
+            plan, flight = plan_of(path, heights, turns, physics.step, self._ballistics, run_up)
+            blocked = self._blocked(path, plan, flight, link)
+            if not blocked:
+                break
+        else:
+            raise TciError(f"no room for {self.name}: {blocked}")
         self._hands.plans[self._number] = plan
         self._hands.renew()
         self._clear()
@@ -277,25 +286,25 @@ class Hand:
         physics.qpos[joint + 3 : joint + 9] = physics.qvel[dof + 3 : dof + 9] = 0.0
         self._state[at.LAST : at.LAST + 3] = physics.ctrl[whole[at.CTRL] :][:3] = target
         physics.touch()
-        self._check_room()
 
     def _watch(self, link: int) -> None:
         """The person has watched the link before: it moved as it does now."""
-        data, step = self._physics.data, self._physics.step
-        pose = np.concatenate([data.xpos[link], data.xquat[link]])
-        twist, rate = np.zeros(6), np.zeros(7)
-        mujoco.mj_objectVelocity(
-            self._physics.model, data, mujoco.mjtObj.mjOBJ_XBODY, link, twist, 0
-        )  # rotation first
-        rate[:3] = twist[3:]
-        mujoco.mju_derivQuat(rate[3:], pose[3:], _in_body(pose[3:], twist[:3]))
-        now = self._physics.steps
+        data, step, now = self._physics.data, self._physics.step, self._physics.steps
+        p, q, twist = data.xpos[link], data.xquat[link], np.zeros(6)
+        mujoco.mj_objectVelocity(self._physics.model, data, mujoco.mjtObj.mjOBJ_XBODY, link, twist, 0)
+        w, v = twist[:3], twist[3:]
         memory = self._hands.memory[self._number * at.RING : (self._number + 1) * at.RING]
-        ages = (now - np.arange(now - at.RING, now)) * step
-        memory[np.arange(now - at.RING, now) % at.RING, :7] = pose - ages[:, None] * rate
         memory[:, 7:] = 0.0
-        self._state[at.POSE : at.POSE + 7] = pose
-        self._state[at.RATE : at.RATE + 7] = rate
+        turn, row = np.empty(4), np.empty(4)
+        speed, a, j = float(np.linalg.norm(w)), np.cross(w, v), np.cross(w, np.cross(w, v))
+        for steps in range(1, at.RING):
+            age = steps * step
+            mujoco.mju_axisAngle2Quat(turn, w / max(speed, 1e-12), -age * speed)
+            mujoco.mju_mulQuat(row, turn, q)
+            memory[(now - steps) % at.RING, :3] = p - age * (v - age / 2.0 * (a - age / 3.0 * j))
+            memory[(now - steps) % at.RING, 3:7] = row
+        self._state[at.POSE : at.POSE + 7] = *p, *q
+        self._state[at.TWIST : at.TWIST + 6] = *w, *(v - np.cross(w, p))
 
     def _velocity(self, link: int, point: Array) -> Array:
         data, twist = self._physics.data, np.zeros(6)
@@ -328,7 +337,6 @@ class Hand:
         if not near:
             raise TciError(f"{path.link} has no surface that can be touched")
         heights, local = np.zeros(points.shape[:2]), np.empty(9)
-        touches = np.array(path.forces) > 0.0
         rows = np.unique(np.linspace(0, len(points) - 1, min(len(points), 40)).round().astype(int))
         for k, name in enumerate(path.pads):
             geom = self._geoms[PADS.index(name)]
@@ -338,49 +346,49 @@ class Hand:
                 if key not in found:
                     mujoco.mju_quat2Mat(local, turns[n, k])
                     place, normal = p + R @ points[n, k], R @ normals[n, k]
-                    found[key] = self._height(geom, near, place, normal, R @ local.reshape(3, 3))
-                    if touches[n, k]:
-                        self._check_beside(geom, [one for one in self._solid if one not in near])
+                    turn = R @ local.reshape(3, 3)
+                    found[key] = self._height(geom, near, place, normal, turn)
                 heights[n, k] = found[key]
             heights[:, k] = np.interp(np.arange(len(points)), rows, heights[rows, k])
         return heights
 
     def _height(self, geom: int, near: list[int], point: Array, normal: Array, turn: Array) -> float:
         model, data = self._physics.model, self._scratch
-        own = np.empty(9)
-        mujoco.mju_quat2Mat(own, model.geom_quat[geom])
-        data.geom_xmat[geom] = (turn @ own.reshape(3, 3)).ravel()
         height = 0.05
         for _ in range(8):
-            data.geom_xpos[geom] = point + height * normal + turn @ model.geom_pos[geom]
+            self._put(geom, point + height * normal, turn)
             room = min(mujoco.mj_geomDistance(model, data, geom, other, 0.06, None) for other in near)
             height -= room - MARGIN
             if abs(room - MARGIN) < 2e-5:
                 break
         return height
 
-    def _check_beside(self, geom: int, others: list[int]) -> None:
-        """Raises TciError if a pad would lie in another body while it touches the link."""
-        model, data = self._physics.model, self._scratch
-        for other in others:
-            room = mujoco.mj_geomDistance(model, data, geom, other, 1e-3, None)
-            if room < -_INSIDE:
-                raise TciError(
-                    f"no room for {self.name}: it would be {-room:.4f} m inside {_of(model, other)}"
-                )
+    def _put(self, geom: int, place: Array, turn: Array) -> None:
+        """Places a pad (a geom) and turns it (3, 3), on paper."""
+        model, data, own = self._physics.model, self._scratch, np.empty(9)
+        mujoco.mju_quat2Mat(own, model.geom_quat[geom])
+        data.geom_xmat[geom] = (turn @ own.reshape(3, 3)).ravel()
+        data.geom_xpos[geom] = place + turn @ model.geom_pos[geom]
 
-    def _check_room(self) -> None:
-        self._physics.refresh()
-        model, data = self._physics.model, self._physics.data
-        for contact in data.contact[: data.ncon]:
-            mine = np.isin(contact.geom, self._geoms)
-            if mine.any() and contact.dist < -_INSIDE:
-                where = _of(model, int(contact.geom[~mine][0]))
-                self._whole[at.ACTIVE] = 0
-                self._park()
-                raise TciError(
-                    f"no room for {self.name}: it would start {-contact.dist:.4f} m inside {where}"
-                )
+    def _blocked(self, path: HandPath, plan: Array, flight: int, link: int) -> str:
+        """Says which pad would meet a body on its way to the skin, or another body than the link later: the
+        hand would start in it, or touch what it should not."""
+        model, source, turn = self._physics.model, self._physics.data, np.empty(9)
+        R, p = source.xmat[link].reshape(3, 3), source.xpos[link]
+        others = [geom for geom in self._solid if model.geom_bodyid[geom] != link]
+        used = [self._geoms[PADS.index(name)] for name in path.pads]
+        way = np.linspace(0, flight, 5).astype(int).tolist()
+        for row in (*way, *np.linspace(flight, len(plan) - 1 - flight, 8).astype(int).tolist()[1:]):
+            for k, geom in enumerate(self._geoms):
+                pad = plan[row, at.PAD_BEGIN + at.EACH * k :]
+                mujoco.mju_quat2Mat(turn, pad[at.TURN : at.TURN + 4])
+                self._put(geom, p + R @ pad[:3], R @ turn.reshape(3, 3))
+                for other in self._solid if row <= flight or geom not in used else others:
+                    room = mujoco.mj_geomDistance(model, self._scratch, geom, other, 1e-3, None)
+                    if room < -_INSIDE:
+                        name, where = PADS[k], _of(model, other)
+                        return f"its {name} would be {-room:.4f} m inside {where}"
+        return ""
 
     def _park(self) -> None:
         whole, physics = self._whole, self._physics
@@ -422,10 +430,3 @@ def _long_axis(model: mujoco.MjModel, body: int) -> Array:
     mujoco.mju_quat2Mat(rotation, model.body_iquat[body])
     axis: Array = rotation.reshape(3, 3)[:, int(np.argmin(model.body_inertia[body]))]
     return read_only(axis)
-
-
-def _in_body(quaternion: Array, vector: Array) -> Array:
-    back, result = np.empty(4), np.empty(3)
-    mujoco.mju_negQuat(back, quaternion)
-    mujoco.mju_rotVecQuat(result, vector, back)
-    return result

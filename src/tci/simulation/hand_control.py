@@ -8,6 +8,8 @@ hand holds its force on what moves evenly, is late on what starts to move, and i
 
 from __future__ import annotations
 
+import math
+
 from numba import int64
 
 from tci.messages.frames import Array
@@ -27,10 +29,10 @@ ACTIVE, START, FIRST, COUNT, LINK, QPOS, DOF, CTRL, FELT, BODY, TRACED, HIT, DEL
 and their number; the touched body; the hand's first joint in `qpos` and `qvel`, first actuator, first sensor
 value and first pad's body; steps in its record; 1 after the first contact; delay [steps]."""
 WHOLE = 13
-POSE, RATE, LAST, TRIM, TRIM_RATE, FORCE, PEAK, BEGUN, LOST = 0, 7, 14, 17, 18, 19, 20, 21, 22
-"""Columns of the state, a row for every hand: the link's pose that the hand follows (7) and its change, the
-last target (3) [m], the correction [N] and its change, the contact force and its peak [N], the times of the
-first contact and of the latest loss of contact [s]."""
+POSE, TWIST, LAST, TRIM, TRIM_RATE, FORCE, PEAK, BEGUN, LOST = 0, 7, 14, 17, 18, 19, 20, 21, 22
+"""Columns of the state, a row for every hand: the link's pose that the hand follows (7), its twist (rotation,
+and velocity at the world's origin), the last target (3) [m], the correction [N] and its change, the contact
+force and its peak [N], the times of the first contact and of the latest loss of contact [s]."""
 STIFFNESS, DAMPING, PAD, OMEGA = 23, 24, 25, 26
 """Constants in the same rows: the arm's stiffness [N/m] and damping [N s/m], the pads' stiffness [N/m], and
 the filter's frequency [rad/s]."""
@@ -77,30 +79,63 @@ def _times(
 
 
 @inlined
+def _spun(q: Array, x: float, y: float, z: float) -> tuple[float, float, float, float]:
+    """A quaternion (4,) after a rotation by the vector (x, y, z) [rad]."""
+    angle = (x * x + y * y + z * z) ** 0.5
+    s = 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
+    w, a, b, c = _times((math.cos(0.5 * angle), s * x, s * y, s * z), (q[0], q[1], q[2], q[3]))
+    return w, a, b, c
+
+
+@inlined
+def _cross(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@inlined
 def _see(hand: int, number: int, step: float, hands: Arrays) -> None:
-    """Moves the pose that a hand follows to where the person expects the link."""
+    """Moves the pose that a hand follows to where the person expects the link: the screw motion that was seen
+    goes on, and what was expected wrongly is corrected at the filter's pace."""
     wholes, states, _, memory, _, xpos, xquat, _, _, _, _ = hands
     whole, state = wholes[hand], states[hand]
     own = memory[hand * RING : (hand + 1) * RING]
-    now, link = own[number % RING], whole[LINK]
-    for i in range(3):
-        now[i] = xpos[link, i]
-    before = own[(number - 1) % RING]
+    now, link, before = own[number % RING], whole[LINK], own[(number - 1) % RING]
     same = 0.0
     for i in range(4):
         same += xquat[link, i] * before[3 + i]
+    for i in range(3):
+        now[i] = xpos[link, i]
     for i in range(4):
         now[3 + i] = xquat[link, i] if same >= 0.0 else -xquat[link, i]
     window = max(1, round(WINDOW / step))
     seen = own[(number - whole[DELAY]) % RING]
     older = own[(number - whole[DELAY] - window) % RING]
-    omega = state[OMEGA]
-    ahead = (whole[DELAY] + 2.0 / (omega * step)) / window
-    for i in range(7):
-        expected = seen[i] + ahead * (seen[i] - older[i])
-        change = omega * omega * (expected - state[POSE + i]) - 2.0 * omega * state[RATE + i]
-        state[RATE + i] += step * change
-        state[POSE + i] += step * state[RATE + i]
+    passed, share = window * step, min(1.0, state[OMEGA] * step)
+    turn = _times((seen[3], seen[4], seen[5], seen[6]), (older[3], -older[4], -older[5], -older[6]))
+    sine = (turn[1] ** 2 + turn[2] ** 2 + turn[3] ** 2) ** 0.5
+    rate = 2.0 / passed if sine < 1e-9 else 2.0 * math.atan2(sine, turn[0]) / sine / passed
+    w = rate * turn[1], rate * turn[2], rate * turn[3]
+    half = 0.5 * (seen[0] + older[0]), 0.5 * (seen[1] + older[1]), 0.5 * (seen[2] + older[2])
+    u = _cross(w, half)
+    for i in range(3):
+        state[TWIST + i] += share * (w[i] - state[TWIST + i])
+        state[TWIST + 3 + i] += share * ((seen[i] - older[i]) / passed - u[i] - state[TWIST + 3 + i])
+    w = state[TWIST], state[TWIST + 1], state[TWIST + 2]
+    u = _cross(w, (state[POSE], state[POSE + 1], state[POSE + 2]))
+    for i in range(3):
+        state[POSE + i] += step * (u[i] + state[TWIST + 3 + i])
+    q = _spun(state[POSE + 3 : POSE + 7], step * w[0], step * w[1], step * w[2])
+    delay = whole[DELAY] * step
+    e = _spun(seen[3:7], delay * w[0], delay * w[1], delay * w[2])
+    u = _cross(w, (seen[0], seen[1], seen[2]))
+    v = u[0] + state[TWIST + 3], u[1] + state[TWIST + 4], u[2] + state[TWIST + 5]
+    a = _cross(w, v)
+    j = _cross(w, a)
+    for i in range(3):
+        expected = seen[i] + delay * (v[i] + delay / 2.0 * (a[i] + delay / 3.0 * j[i]))
+        state[POSE + i] += share * (expected - state[POSE + i])
+    for i in range(4):
+        state[POSE + 3 + i] = q[i] + share * (e[i] - q[i])
 
 
 @inlined

@@ -30,7 +30,7 @@ RISE = 0.1
 """Time [s] in which a force that is asked for at once grows, and in which it ends."""
 SOFTENED = 0.016
 """Length [s] of the window that rounds the plan's corners."""
-_BEHIND = 0.06
+BEHIND = 0.06
 """Distance [m] from the skin of the pads that do not touch."""
 
 
@@ -107,7 +107,9 @@ class Ballistics:
     """Coefficient on the skin."""
 
 
-def plan_of(path: HandPath, heights: Array, turns: Array, step: float, hand: Ballistics) -> tuple[Array, int]:
+def plan_of(
+    path: HandPath, heights: Array, turns: Array, step: float, hand: Ballistics, run_up: float = 1.0
+) -> tuple[Array, int]:
     """The plan of a path (see `hand_control.BASE`), a row for every step, and its steps before time 0.
 
     Args:
@@ -116,6 +118,7 @@ def plan_of(path: HandPath, heights: Array, turns: Array, step: float, hand: Bal
         turns: (n, k, 4) orientations of the pads in the link's frame, as quaternions.
         step: [s].
         hand: mass and pads.
+        run_up: fraction of `APPROACH` in which the hand gains its speed; less needs less room.
     """
     known, flight = np.array(path.times), max(2, round(APPROACH / step))
     count = int(np.ceil(known[-1] / step - 1e-9)) + 1
@@ -133,7 +136,7 @@ def plan_of(path: HandPath, heights: Array, turns: Array, step: float, hand: Bal
     asked = along(np.array(path.forces))[flight : flight + count]
     depth, force = np.empty((2, len(times), len(path.pads)))
     for k, forces in enumerate(asked.T):
-        depth[:, k], force[:, k] = depth_of(forces, flight, step, hand)
+        depth[:, k], force[:, k] = depth_of(forces, flight, step, hand, run_up)
     places = points + (_rounded(along(heights), step) - depth)[:, :, None] * normals
     base = places.mean(axis=1)
     speed = np.gradient(points, step, axis=0)
@@ -157,11 +160,13 @@ def plan_of(path: HandPath, heights: Array, turns: Array, step: float, hand: Bal
         if name in path.pads:
             mine[:, SHARE] = force[:, k] / np.maximum(total, 1e-9)
         else:
-            mine[:, PLACE : PLACE + 3] += _BEHIND * normals[:, k]
+            mine[:, PLACE : PLACE + 3] += BEHIND * normals[:, k]
     return plan, flight
 
 
-def depth_of(forces: Array, flight: int, step: float, hand: Ballistics) -> tuple[Array, Array]:
+def depth_of(
+    forces: Array, flight: int, step: float, hand: Ballistics, run_up: float = 1.0
+) -> tuple[Array, Array]:
     """Depth (m,) [m] of a pad at every step, from rest to rest, and the force (m,) [N] that it means.
 
     `forces` (c,) [N] are asked at every step; m = c + 2 `flight`. Negative depths are flights.
@@ -184,14 +189,12 @@ def depth_of(forces: Array, flight: int, step: float, hand: Ballistics) -> tuple
     for e, b, away, back in zip(ends[:-1], begins[1:], leaves[:-1], comes[1:], strict=True):
         depth[e:b] = _arc(0.0, -away, 0.0, back, b - e + 2, step)[1:-1]
     first, last = begins[0], ends[-1]
-    depth[first - flight : first] = _arc(
-        -max(GAP, 0.5 * comes[0] * APPROACH), 0.0, 0.0, comes[0], flight + 1, step
-    )[:-1]
-    depth[: first - flight] = depth[first - flight]
-    depth[last : last + flight] = _arc(
-        0.0, -leaves[-1], -max(GAP, 0.5 * leaves[-1] * APPROACH), 0.0, flight + 1, step
-    )[1:]
-    depth[last + flight :] = depth[last + flight - 1]
+    run = max(2, round(run_up * flight))
+    far = [-max(run_up * GAP, 0.5 * speed * run * step) for speed in (comes[0], leaves[-1])]
+    depth[first - run : first] = _arc(far[0], 0.0, 0.0, comes[0], run + 1, step)[:-1]
+    depth[: first - run] = far[0]
+    depth[last : last + run] = _arc(0.0, -leaves[-1], far[1], 0.0, run + 1, step)[1:]
+    depth[last + run :] = far[1]
     return _rounded(depth, step), force
 
 

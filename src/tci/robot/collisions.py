@@ -107,13 +107,20 @@ def _set_self_collisions(spec: mujoco.MjSpec, robot: Robot) -> None:
     for geom in solid:
         if (geom.parent.name, geom.meshname) in meshes:
             geom.group = HIDDEN
-        arm, distance = arms.get(geom.parent.name, (0, 0))
-        if not arm:
-            geom.contype, geom.conaffinity = 0, LEFT | RIGHT
-        elif distance > 1:
-            geom.contype, geom.conaffinity = arm, RIGHT if arm == LEFT else LEFT
-        else:
-            geom.contype, geom.conaffinity = 0, 0
+        geom.contype, geom.conaffinity = _bits(*arms.get(geom.parent.name, (0, 0)))
+
+
+def bits_of(spec: mujoco.MjSpec, robot: Robot) -> dict[str, tuple[int, int]]:
+    """MuJoCo's `contype` and `conaffinity` of what belongs to each body of the model, as its links have
+    them."""
+    arms = _arms(spec, robot)
+    return {body.name: _bits(*arms.get(body.name, (0, 0))) for body in spec.bodies}
+
+
+def _bits(arm: int, distance: int) -> tuple[int, int]:
+    if not arm:
+        return 0, LEFT | RIGHT
+    return (arm, RIGHT if arm == LEFT else LEFT) if distance > 1 else (0, 0)
 
 
 def exclude_overlaps(spec: mujoco.MjSpec, robot: Robot, posture: Array) -> mujoco.MjModel:

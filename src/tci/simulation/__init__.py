@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     from tci.simulation.hand import PersonModel as PersonModel
     from tci.simulation.hand_path import HandPath as HandPath
     from tci.simulation.imperfection import Imperfection as Imperfection
+    from tci.simulation.obstacle import Obstacle as Obstacle
+    from tci.simulation.obstacle import PlacedObstacle as PlacedObstacle
     from tci.simulation.touch import ContactTruth as ContactTruth
+    from tci.simulation.touch import Meeting as Meeting
     from tci.simulation.world import World as World
 else:
     __all__, __getattr__, __dir__ = lazy_names(__name__)

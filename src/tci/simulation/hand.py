@@ -18,11 +18,9 @@ from tci.robot.neutral import neutral
 from tci.simulation import hand_control as at
 from tci.simulation.hand_path import PADS, Ballistics, HandPath, plan_of, turns_of
 from tci.simulation.physics import Physics, exclusive
-from tci.simulation.touch import FINGER_PRIORITY, stiff
+from tci.simulation.touch import FINGER_PRIORITY, FRICTION, stiff
 from tci.support.engine import mujoco
 
-FRICTION = 0.5
-"""Of people and things on skin and shells. Assumed: dry skin on plastic has 0.3 to 0.6."""
 PERSON_PRIORITY = FINGER_PRIORITY + 3
 """The contact's settings are those of the person, whatever the robot's model says of its own geoms."""
 SOFT = [0.0, 0.95, 5e-4, 0.5, 2.0]

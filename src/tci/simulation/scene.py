@@ -5,19 +5,21 @@ The module contains no code for a particular robot.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from tci.errors import CommandError
 from tci.messages.frames import Array, apply, invert, transform
-from tci.robot.collisions import GROUND, PERSON, exclude_overlaps, solid_spec
+from tci.robot.collisions import GROUND, PERSON, bits_of, exclude_overlaps, solid_spec
 from tci.robot.description import SOLE, Robot
 from tci.robot.kinematics import KinematicChain
 from tci.robot.neutral import neutral, plain_options
 from tci.simulation.finger import RADIUS, add_finger
 from tci.simulation.hand import PersonModel, add_hand
+from tci.simulation.obstacle import Obstacle, add_obstacle
 from tci.simulation.touch import FINGER_PRIORITY, FLOOR, add_skin
+from tci.simulation.touch import FRICTION as SLIDES
 from tci.skin.surfaces import Surface
 from tci.support.engine import mujoco
 
@@ -35,6 +37,8 @@ def build_scene(
     shown: bool = False,
     tip: float = RADIUS,
     hands: Mapping[str, PersonModel] | None = None,
+    obstacles: Sequence[Obstacle] = (),
+    self_touch: bool = False,
 ) -> mujoco.MjModel:
     """Builds and compiles a model of the robot with its servos and skin, and of a finger.
 
@@ -56,6 +60,10 @@ def build_scene(
         # have no integral action, so gravity is left out. Then the servos keep a posture exactly, from the
         # start.
         spec.option.gravity = np.zeros(3)
+    bits = bits_of(spec, robot) if self_touch else {}
+    if self_touch:
+        for geom in spec.geoms:
+            geom.friction = [SLIDES, 0.005, 1e-4]
     for patch in robot.patches:
         if patch.name in surfaces:
             add_skin(
@@ -64,14 +72,17 @@ def build_scene(
                 axes=patch.sensor.axes,
                 step=step,
                 floor=stands and patch.segment == SOLE,
+                own=bits.get(surfaces[patch.name].link),
             )
     add_finger(spec, step=step, radius=tip)
-    if hands:
+    if hands or obstacles:
         for geom in spec.geoms:
             if geom.contype or geom.conaffinity or not shown:
                 geom.conaffinity |= PERSON
-        for name, person in hands.items():
+        for name, person in (hands or {}).items():
             add_hand(spec, name, person, step=step)
+        for obstacle in obstacles:
+            add_obstacle(spec, obstacle, step=step)
     if stands:
         _add_floor(spec, robot, surfaces, posture)
     return exclude_overlaps(spec, robot, posture)

@@ -34,6 +34,9 @@ FINGER_PRIORITY = 1
 The finger is frictionless. Only skin with three-axis taxels has a higher priority, so only on this skin the
 finger has friction.
 """
+FRICTION = 0.5
+"""Of people and things on skin and shells, and of the robot on itself. Assumed: dry skin on plastic has 0.3
+to 0.6."""
 _CORNERS = 8
 _THICKNESS = 2e-3
 """Thickness [m] of a sheet of skin. Assumed: about the thickness of a robot's skin. The simulated finger
@@ -74,13 +77,22 @@ def stiff(step: float) -> list[float]:
     return [max(0.002, 2.0 * step), 1.0]
 
 
-def add_skin(spec: mujoco.MjSpec, surface: Surface, *, axes: int, step: float, floor: bool) -> None:
+def add_skin(
+    spec: mujoco.MjSpec,
+    surface: Surface,
+    *,
+    axes: int,
+    step: float,
+    floor: bool,
+    own: tuple[int, int] | None = None,
+) -> None:
     """Adds a patch to the scene: a geom with the shape of the skin, and a sensor of the contacts on this
     geom.
 
     MuJoCo uses a mesh's convex hull for collisions. The mesh's faces are used only in pictures. The skin has
-    friction with the finger only if the patch has three `axes`. If `floor` is True, a second sensor measures
-    the contacts with the floor.
+    friction with the finger only if the patch has three `axes`. With its link's `own` collision bits it
+    touches what the link touches: the rest of the robot. If `floor` is True, a second sensor measures the
+    contacts with the floor.
     """
     name = skin_geom(surface.patch)
     points, faces = _solid(surface)
@@ -98,9 +110,10 @@ def add_skin(spec: mujoco.MjSpec, surface: Surface, *, axes: int, step: float, f
         type=mujoco.mjtGeom.mjGEOM_MESH,
         meshname=name,
         mass=0.0,
-        contype=0,
-        conaffinity=SKIN | PERSON | (GROUND if floor else 0),
-        condim=axes,
+        contype=own[0] if own else 0,
+        conaffinity=SKIN | PERSON | (GROUND if floor else 0) | (own[1] if own else 0),
+        condim=3 if own else axes,
+        friction=[FRICTION, 0.005, 1e-4] if own else [1.0, 0.005, 1e-4],
         priority=FINGER_PRIORITY + 1 if axes == 3 else 0,
         solref=stiff(step),
         group=2,
@@ -151,6 +164,58 @@ def _solid(surface: Surface) -> tuple[Array, NDArray[np.intp]]:
         )
         plates += [rim, rim - _THICKNESS * normal]
     return np.concatenate(plates), np.zeros((0, 3), dtype=np.intp)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Meeting:
+    """Two bodies that touch, according to the physics."""
+
+    first: str
+    second: str
+    """A patch, a link without skin there, `finger`, `floor`, an obstacle, or `NAME SIDE PAD` of a hand."""
+    force: float
+    """Sum of the normal forces [N]."""
+    vector: Array
+    """Force (3,) [N] on the second body, in the torso frame."""
+    center: Array
+    """(3,) [m], weighted by force, in the torso frame."""
+
+
+def meetings(physics: Physics, torso: Callable[[], Array]) -> tuple[Meeting, ...]:
+    """All bodies that touch now, strongest first; `torso` as in `contact_truth`."""
+    physics.refresh()
+    model, data, local = physics.model, physics.data, np.zeros(6)
+    found: dict[tuple[str, str], list[Array]] = {}
+    for index in range(data.ncon):
+        mujoco.mj_contactForce(model, data, index, local)
+        contact, frame = data.contact[index], data.contact[index].frame.reshape(3, 3)
+        if local[0] > 0.0:
+            pair = _called(model, int(contact.geom[0])), _called(model, int(contact.geom[1]))
+            row = np.array([local[0], *(local[:3] @ frame), *(local[0] * contact.pos)])
+            found.setdefault(pair, []).append(row)
+    if not found:
+        return ()
+    T_TW = invert(torso())
+    result = []
+    for (first, second), rows in found.items():
+        total = np.sum(rows, axis=0)
+        force = float(total[0])
+        result.append(
+            Meeting(first, second, force, T_TW[:3, :3] @ total[1:4], apply(T_TW, total[4:] / force))
+        )
+    return tuple(sorted(result, key=lambda one: -one.force))
+
+
+def _called(model: mujoco.MjModel, geom: int) -> str:
+    name = str(model.geom(geom).name)
+    if name in (FINGER_TIP, FLOOR):
+        return "finger" if name == FINGER_TIP else "floor"
+    for prefix in ("tci_skin_", "tci_obstacle_"):
+        if name.startswith(prefix):
+            return name.removeprefix(prefix)
+    if name.startswith("tci_"):
+        return " ".join(name.removeprefix("tci_").rsplit("_", 2))
+    return str(model.body(int(model.geom_bodyid[geom])).name)
 
 
 def contact_truth(physics: Physics, patch: str, torso: Callable[[], Array]) -> ContactTruth:

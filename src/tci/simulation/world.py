@@ -23,12 +23,13 @@ from tci.simulation.hand import Hand, Hands, Person, PersonModel
 from tci.simulation.hand_path import APPROACH
 from tci.simulation.imperfection import Imperfection
 from tci.simulation.joint_torques import JointTorques
+from tci.simulation.obstacle import Obstacle, PlacedObstacle
 from tci.simulation.physics import Physics, exclusive
 from tci.simulation.posed_skin import PosedSkin
 from tci.simulation.scene import build_scene
 from tci.simulation.servos import Servos
 from tci.simulation.taxels import Taxels
-from tci.simulation.touch import ContactTruth, contact_truth
+from tci.simulation.touch import ContactTruth, Meeting, contact_truth, meetings
 from tci.simulation.touching import hands_of, paths_of, people_needed
 from tci.skin.surfaces import Surface, surfaces_of
 from tci.support.engine import mujoco
@@ -70,6 +71,8 @@ class World:
         period: float | None = None,
         tip: float = RADIUS,
         people: int | Sequence[PersonModel] = 0,
+        obstacles: Sequence[Obstacle] = (),
+        self_touch: bool | None = None,
     ) -> None:
         """Builds the world.
 
@@ -80,6 +83,8 @@ class World:
         - `skin`: True for all patches, False for none, or the names of patches.
         - `tip` [m]: radius of the finger's tip. The tip can also represent a ball in a hand.
         - `people`: who can touch the robot with their hands (`person`), or how many.
+        - `obstacles`: parts of persons, tables and boxes, out of reach until they are placed (`obstacle`).
+        - `self_touch`: skin feels the robot's own other links; by default in worlds with people or obstacles.
 
         `posture` maps generic parts to their generic angles [rad] at the start. Other parts start at their
         initial posture. With `stands`, the robot carries its weight on a floor and may fall. Only the robot's
@@ -110,8 +115,9 @@ class World:
         self._seed = _checked_seed(seed)
         self._generator = np.random.default_rng(seed)
         self._build = partial(
-            build_scene, robot, self.surfaces, home, step=step, stands=stands, tip=tip, hands=hands
-        )
+            build_scene, robot, self.surfaces, home, step=step, stands=stands, tip=tip, hands=hands,
+            obstacles=obstacles, self_touch=bool(models or obstacles) if self_touch is None else self_touch,
+        )  # fmt: skip
         self._physics = Physics(self._build())
         self._home = home
         period = 1.0 / robot.binding(MIDDLEWARE).rate if period is None else period
@@ -130,6 +136,7 @@ class World:
         self._people = {
             one.name: Person(one, *self._hand_list[2 * k : 2 * k + 2]) for k, one in enumerate(models)
         }
+        self._obstacles = {one.name: PlacedObstacle(self._physics, self._skin, one) for one in obstacles}
         servos, finger = self._servos, self.finger
         self._arrays = (
             (servos.state, servos.places, servos.asked), (finger.state, finger.traced), self._taxels.arrays,
@@ -180,6 +187,17 @@ class World:
         for number, one in hands_of(planned):
             for k, path in enumerate(paths_of(self.robot, one)):
                 self._hand_list[number ^ k].touch(path, start=self.time + late + one.onset - APPROACH)
+
+    def obstacle(self, name: str) -> PlacedObstacle:
+        """An obstacle of this world. Raises UnknownNameError for another name."""
+        if name not in self._obstacles:
+            raise UnknownNameError("obstacle", name, self._obstacles)
+        return self._obstacles[name]
+
+    @exclusive
+    def meetings(self) -> tuple[Meeting, ...]:
+        """All bodies that touch now, strongest first: skin, links, hands, obstacles, finger and floor."""
+        return meetings(self._physics, self._skin.torso)
 
     @property
     def people(self) -> tuple[Person, ...]:
@@ -236,6 +254,8 @@ class World:
         self.finger.retire()
         for hand in self._hand_list:
             hand.retire()
+        for obstacle in self._obstacles.values():
+            obstacle.remove()
         self._taxels.reset()
 
     @exclusive

@@ -6,6 +6,7 @@ pads). What the hand is to do is a `HandPath`; `hand_control` moves the springs'
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,6 +30,7 @@ a light pad lies so near the surface that single steps of a lasting contact are 
 MARGIN = 5e-4
 """Distance [m] at which a contact begins. Assumed: a firm touch is less deep, and outside of a body distances
 are exact."""
+SIDES = "left", "right"
 PAD_MASS = 0.015
 """Mass [kg] of a pad. Assumed: light, so that the blow is that of the hand behind it."""
 PAD_DAMPING, ARM_DAMPING = 0.5, 0.7
@@ -58,10 +60,14 @@ class PersonModel:
     """From what is seen and felt to the muscle [s]."""
     bandwidth: float = 3.0
     """Of what is corrected [Hz]."""
+    hands: Sequence[str] = SIDES
+    """Some of `SIDES`: each hand makes the simulation slower, also while it waits."""
 
     def __post_init__(self) -> None:
         ranges = {"mass": (0.05, 5.0), "pad": (200.0, 5000.0), "arm": (50.0, 5000.0), "delay": (0.0, 0.5),
                   "bandwidth": (0.1, 3.0)}  # fmt: skip
+        if not self.hands or not set(self.hands) <= set(SIDES) or len(set(self.hands)) < len(self.hands):
+            raise CommandError(f"hands {self.hands} of {self.name}; valid: some of {', '.join(SIDES)}")
         for name, (low, high) in ranges.items():
             if not low <= (value := getattr(self, name)) <= high:
                 raise CommandError(f"{name} {value} of {self.name}; valid: {low:g} to {high:g}")
@@ -132,6 +138,10 @@ class Hands:
                 model.body(f"{name}_palm").id,
                 round(person.delay / physics.step),
             )
+            if round((person.delay + at.WINDOW) / physics.step) >= at.RING:
+                raise CommandError(
+                    f"step {physics.step} is too short for people; valid: from {0.55 / at.RING:.1g} s on"
+                )
             self.state[k, at.STIFFNESS : at.STATE] = (
                 person.arm, 2.0 * ARM_DAMPING * np.sqrt(person.arm * person.mass), person.pad,
                 2.0 * np.pi * person.bandwidth,
@@ -293,14 +303,16 @@ class Hand:
         w, v = twist[:3], twist[3:]
         memory = self._hands.memory[self._number * at.RING : (self._number + 1) * at.RING]
         memory[:, 7:] = 0.0
-        turn, row = np.empty(4), np.empty(4)
-        speed, a, j = float(np.linalg.norm(w)), np.cross(w, v), np.cross(w, np.cross(w, v))
-        for steps in range(1, at.RING):
-            age = steps * step
-            mujoco.mju_axisAngle2Quat(turn, w / max(speed, 1e-12), -age * speed)
-            mujoco.mju_mulQuat(row, turn, q)
-            memory[(now - steps) % at.RING, :3] = p - age * (v - age / 2.0 * (a - age / 3.0 * j))
-            memory[(now - steps) % at.RING, 3:7] = row
+        speed, a, j = max(float(np.linalg.norm(w)), 1e-12), np.cross(w, v), np.cross(w, np.cross(w, v))
+        steps = np.arange(1, int(self._whole[at.DELAY]) + round(at.WINDOW / step) + 2)
+        ages = (steps * step)[:, None]
+        back = np.column_stack([np.cos(0.5 * speed * ages), -np.sin(0.5 * speed * ages) * (w / speed)])
+        # rows: the quaternion products of 1, i, j and k with q
+        spin = np.array(
+            [q, [-q[1], q[0], -q[3], q[2]], [-q[2], q[3], q[0], -q[1]], [-q[3], -q[2], q[1], q[0]]]
+        )
+        memory[(now - steps) % at.RING, :3] = p - ages * (v - ages / 2.0 * (a - ages / 3.0 * j))
+        memory[(now - steps) % at.RING, 3:7] = back @ spin
         self._state[at.POSE : at.POSE + 7] = *p, *q
         self._state[at.TWIST : at.TWIST + 6] = *w, *(v - np.cross(w, p))
 
@@ -373,19 +385,23 @@ class Hand:
         hand would start in it, or touch what it should not."""
         model, source, turn = self._physics.model, self._physics.data, np.empty(9)
         R, p = source.xmat[link].reshape(3, 3), source.xpos[link]
-        others = [geom for geom in self._solid if model.geom_bodyid[geom] != link]
-        used = [self._geoms[PADS.index(name)] for name in path.pads]
-        way = np.linspace(0, flight, 5).astype(int).tolist()
-        for row in (*way, *np.linspace(flight, len(plan) - 1 - flight, 8).astype(int).tolist()[1:]):
+        solid, used = np.array(self._solid), [self._geoms[PADS.index(name)] for name in path.pads]
+        middles, radii = self._scratch.geom_xpos[solid], model.geom_rbound[solid]
+        on_link = model.geom_bodyid[solid] == link
+        way = np.linspace(0, flight, 4).astype(int).tolist()
+        for row in (*way, *np.linspace(flight, len(plan) - 1 - flight, 5).astype(int).tolist()[1:]):
             for k, geom in enumerate(self._geoms):
                 pad = plan[row, at.PAD_BEGIN + at.EACH * k :]
                 mujoco.mju_quat2Mat(turn, pad[at.TURN : at.TURN + 4])
                 self._put(geom, p + R @ pad[:3], R @ turn.reshape(3, 3))
-                for other in self._solid if row <= flight or geom not in used else others:
+                apart = middles - self._scratch.geom_xpos[geom]
+                near = np.einsum("ij,ij->i", apart, apart) < (radii + model.geom_rbound[geom]) ** 2
+                if row > flight and geom in used:
+                    near &= ~on_link
+                for other in solid[near].tolist():
                     room = mujoco.mj_geomDistance(model, self._scratch, geom, other, 1e-3, None)
                     if room < -_INSIDE:
-                        name, where = PADS[k], _of(model, other)
-                        return f"its {name} would be {-room:.4f} m inside {where}"
+                        return f"its {PADS[k]} would be {-room:.4f} m inside {_of(model, other)}"
         return ""
 
     def _park(self) -> None:
@@ -403,18 +419,33 @@ class Hand:
 
 
 class Person:
-    """A person beside the robot, with two hands."""
+    """A person beside the robot, with the hands that the `PersonModel` has."""
 
-    def __init__(self, model: PersonModel, left: Hand, right: Hand) -> None:
-        self.model, self.left, self.right = model, left, right
+    def __init__(self, model: PersonModel, hands: Mapping[str, Hand]) -> None:
+        self.model, self._hands = model, dict(hands)
 
     @property
     def name(self) -> str:
         return self.model.name
 
     @property
-    def hands(self) -> tuple[Hand, Hand]:
-        return self.left, self.right
+    def hands(self) -> tuple[Hand, ...]:
+        return tuple(self._hands.values())
+
+    @property
+    def left(self) -> Hand:
+        """Raises CommandError if the model of this person has no left hand."""
+        return self._hand("left")
+
+    @property
+    def right(self) -> Hand:
+        """Raises CommandError if the model of this person has no right hand."""
+        return self._hand("right")
+
+    def _hand(self, side: str) -> Hand:
+        if side not in self._hands:
+            raise CommandError(f"{self.name} has no {side} hand here; valid: {', '.join(self._hands)}")
+        return self._hands[side]
 
 
 def _of(model: mujoco.MjModel, geom: int) -> str:

@@ -41,7 +41,7 @@ SLOTS, NUMBERS = 12, 7
 """Contacts of a hand at a time, and the values of its sensor for each: found, force (3), position (3)."""
 WINDOW = 0.05
 """Time [s] over which the person sees a speed."""
-RING = 1024
+RING = 4096
 """Steps that the person remembers."""
 TRACE, NOTED = 40_000, 10
 """Steps of a hand's record, and their values: time [s], asked force, contact force and friction [N], place of

@@ -111,7 +111,7 @@ class World:
         """Taxels of every patch, by the patch's name."""
         home = start_angles(robot, posture or {})
         models = _people(people)
-        hands = {f"tci_{one.name}_{side}": one for one in models for side in ("left", "right")}
+        hands = {f"tci_{one.name}_{side}": one for one in models for side in one.hands}
         self._seed = _checked_seed(seed)
         self._generator = np.random.default_rng(seed)
         self._build = partial(
@@ -133,9 +133,8 @@ class World:
         """Finger that pokes the skin."""
         self._hands = Hands(self._physics, hands)
         self._hand_list = [Hand(self._hands, k, one) for k, one in enumerate(hands.values())]
-        self._people = {
-            one.name: Person(one, *self._hand_list[2 * k : 2 * k + 2]) for k, one in enumerate(models)
-        }
+        left = iter(self._hand_list)
+        self._people = {one.name: Person(one, {side: next(left) for side in one.hands}) for one in models}
         self._obstacles = {one.name: PlacedObstacle(self._physics, self._skin, one) for one in obstacles}
         servos, finger = self._servos, self.finger
         self._arrays = (

@@ -185,7 +185,10 @@ class World:
         late = max(0.0, APPROACH - min((one.onset for one in planned), default=APPROACH))
         for number, one in hands_of(planned):
             for k, path in enumerate(paths_of(self.robot, one)):
-                self._hand_list[number ^ k].touch(path, start=self.time + late + one.onset - APPROACH)
+                person, side = self.people[(number ^ k) // 2], (number ^ k) % 2
+                (person.right if side else person.left).touch(
+                    path, start=self.time + late + one.onset - APPROACH
+                )
 
     def obstacle(self, name: str) -> PlacedObstacle:
         """An obstacle of this world. Raises UnknownNameError for another name."""

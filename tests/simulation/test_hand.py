@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 import tci
 from tci.errors import CommandError, TciError, UnknownNameError
-from tci.simulation import HandPath
+from tci.simulation import HandPath, PersonModel
 from tci.simulation.hand import Hand
 from tci.simulation.world import World
 
@@ -17,8 +18,15 @@ def nao() -> World:
     return World("nao", people=1)
 
 
-def press(world: World, hand: Hand, random: np.random.Generator, pad: str, force: float) -> bool:
-    """Presses a random taxel for a second; False if there is no room."""
+def touch_anywhere(
+    world: World,
+    hand: Hand,
+    random: np.random.Generator,
+    times: ArrayLike,
+    forces: ArrayLike,
+    pad: str = "index",
+) -> bool:
+    """Touches a random taxel; False if there is no room."""
     name = str(random.choice(list(world.surfaces)))
     surface = world.surfaces[name]
     taxel = int(random.integers(len(surface.positions)))
@@ -26,8 +34,8 @@ def press(world: World, hand: Hand, random: np.random.Generator, pad: str, force
     try:
         hand.touch(
             HandPath(
-                link=surface.link, times=[0.0, 1.0], points=surface.positions[taxel],
-                normals=surface.normals[taxel], forces=[force, force], pads=(pad,),
+                link=surface.link, times=times, points=surface.positions[taxel],
+                normals=surface.normals[taxel], forces=forces, pads=(pad,),
             )
         )  # fmt: skip
     except TciError:
@@ -39,7 +47,7 @@ def test_it_holds_the_asked_force_on_a_resting_arm_anywhere(nao: World) -> None:
     random, hand, done = np.random.default_rng(3), nao.person().right, 0
     for trial in range(16):
         force = float(np.exp(random.uniform(np.log(0.5), np.log(6.0))))
-        if not press(nao, hand, random, ("index", "palm")[trial % 2], force):
+        if not touch_anywhere(nao, hand, random, [0.0, 1.0], [force, force], ("index", "palm")[trial % 2]):
             continue
         nao.advance(1.6)
         time, _, felt = hand.trace[:, :3].T
@@ -50,6 +58,62 @@ def test_it_holds_the_asked_force_on_a_resting_arm_anywhere(nao: World) -> None:
         assert hand.force == 0.0
         done += 1
     assert done >= 8
+
+
+def test_the_peaks_of_blows_are_those_asked_for(nao: World) -> None:
+    random, hand, done = np.random.default_rng(8), nao.person().right, 0
+    for _ in range(14):
+        duration = float(random.choice([0.06, 0.1, 0.3]))  # hit, tap, poke
+        peak = float(random.uniform(10.0, 15.0) if duration < 0.1 else random.uniform(1.0, 6.0))
+        times = np.arange(0.0, duration + 1e-9, 0.005)
+        forces = peak * np.sin(np.pi * times / times[-1]).clip(0.0)
+        if touch_anywhere(nao, hand, random, times, forces):
+            nao.advance(duration + 0.6)
+            assert hand.peak_force == pytest.approx(peak, rel=0.2), (duration, peak)
+            done += 1
+    assert done >= 7
+
+
+def test_it_follows_an_arm_that_moves_away_and_lets_one_go_that_starts_to() -> None:
+    world = World("g1", period=0.02, skin=["left_forearm"], people=[PersonModel(hands=["right"])])
+    hand, surface, random = world.person().right, world.surfaces["left_forearm"], np.random.default_rng(2)
+    servo = world.robot.part("left_arm").servos[0].servo
+    assert servo is not None
+    world.refresh()
+    joint = world.model.joint(world.robot.servos[servo].joint).id
+    axis, anchor = world.data.xaxis[joint].copy(), world.data.xanchor[joint].copy()
+    places = [world.skin_point_in_world("left_forearm", k) for k in range(len(surface.positions))]
+    ways = [np.cross(axis, point - anchor) for point, _ in places]
+    away = [-(way @ normal) / np.linalg.norm(way) for way, (_, normal) in zip(ways, places, strict=True)]
+    chosen = random.permutation(np.argsort(away)[-60:]).tolist()
+    home, done = world.joints().position[servo], [0, 0]
+    while min(done) < 2:
+        taxel, starts = chosen.pop(), done[0] < done[1]
+        world.reset()
+        force, begins = float(random.uniform(2.0, 6.0)), 0.7 if starts else 0.0
+        hand.touch(
+            HandPath(
+                link=surface.link, times=[0.0, 1.0], points=surface.positions[taxel],
+                normals=surface.normals[taxel], forces=[force, force], pads=("index",),
+            ), start=0.1,
+        )  # fmt: skip
+        rate = 0.2 / float(np.linalg.norm(ways[taxel]))
+        for tick in range(1, 45):
+            world.advance(0.02 * tick)
+            moved = rate * max(0.02 * (tick + 1) - begins, 0.0)
+            world.set_position_targets([servo], [home + moved])
+        if hand.missed:
+            continue  # no room
+        done[not starts] += 1
+        time, _, felt = hand.trace[:, :3].T
+        if starts:
+            # what starts to move at 0.2 m/s is gone before the person sees it
+            assert felt[(time > begins + 0.1) & (time < begins + 0.15)].max() < 0.2 * force
+        else:
+            assert hand.first_contact is not None
+            late = felt[time > hand.first_contact + 0.3] / force
+            assert np.median(late) == pytest.approx(1.0, abs=0.1)
+            assert np.percentile(late, [5.0, 95.0]) == pytest.approx(1.0, abs=0.2)
 
 
 def test_a_wrong_path_or_hand_says_what_is_valid(nao: World) -> None:

@@ -39,6 +39,7 @@ def build_scene(
     hands: Mapping[str, PersonModel] | None = None,
     obstacles: Sequence[Obstacle] = (),
     self_touch: bool = False,
+    weight: bool = False,
 ) -> mujoco.MjModel:
     """Builds and compiles a model of the robot with its servos and skin, and of a finger.
 
@@ -55,7 +56,10 @@ def build_scene(
     spec.option.timestep = step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     _add_servos(spec, robot)
-    if not stands:
+    if weight and not stands:
+        for body in spec.bodies[1:]:
+            body.gravcomp = 1.0
+    elif not stands:
         # The integral action of a real servo compensates the weight after some time. The simulated servos
         # have no integral action, so gravity is left out. Then the servos keep a posture exactly, from the
         # start.

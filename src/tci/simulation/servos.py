@@ -70,7 +70,7 @@ class Servos:
         self.state[at.SHIFT] = [one.offset for _, one in driven]
         speed = speed * np.abs(self.state[at.RATIO])
         self._top = speed * physics.step
-        self.places = np.zeros((6, len(moving)), dtype=np.int64)
+        self.places = np.zeros((7, len(moving)), dtype=np.int64)
         """Indices and modes of the moving joints. The module `stepping` lists the rows of this array."""
         self.asked = np.zeros((2, len(home)))
         """Commands (2, n) to all servos: target angles [rad], and torques [N m]."""
@@ -259,6 +259,7 @@ class Servos:
         lead = kv / np.where(kp > 0.0, kp, np.inf) / self._physics.step
         self.state[at.LEAD] = np.where(yielding, lead, 0.0)
         self.places[at.LOOSE], self.places[at.YIELDING] = loose, yielding
+        self.places[at.LIMP] = ~held | (stiffness <= 0.0)
         model.actuator_gainprm[self._actuators, 0] = np.where(loose & on, 1.0, kp)
         model.actuator_biasprm[self._actuators, 1] = -kp
         model.actuator_biasprm[self._actuators, 2] = -kv

@@ -30,10 +30,10 @@ SETPOINT, STRIDE, LAG, LEAD, RATIO, SHIFT, ADVANCE = range(7)
 - `RATIO`, `SHIFT`: angle of the joint per angle of its servo, and angle [rad] of the joint at its servo's
   zero.
 - `ADVANCE`: change [rad] of the set-point in the latest step."""
-SERVO, ADDRESS, DOF, ACTUATOR, LOOSE, YIELDING = range(6)
-"""Rows of an array of integers (6, k) for the k joints that servos move. The first four rows are indices: of
-the joint's servo, and of the joint in MuJoCo's `qpos`, `qvel` and `ctrl`. The last two rows are flags: 1 if
-the servo is in torque mode, and 1 if it is in impedance mode."""
+SERVO, ADDRESS, DOF, ACTUATOR, LOOSE, YIELDING, LIMP = range(7)
+"""Rows of an array of integers (7, k) for the k joints that servos move. The first four rows are indices: of
+the joint's servo, and of the joint in MuJoCo's `qpos`, `qvel` and `ctrl`. The last three rows are flags: 1 if
+the servo is in torque mode, 1 if it is in impedance mode, and 1 if it holds no weight."""
 TARGET, TORQUE = range(2)
 """Rows of the commands to all servos (2, n): target angles [rad], and torques [N m]."""
 ACTIVE, BEGIN, SPEED, DEPTH, LEADS, PATH, END, FORCE, FIRST, LOST, PEAK = range(11)
@@ -49,8 +49,9 @@ ACTIVE, BEGIN, SPEED, DEPTH, LEADS, PATH, END, FORCE, FIRST, LOST, PEAK = range(
 TIP, TIP_SENSOR, TRACED = range(3)
 """Indices of the values in the array of integers `Physics.whole`: index of the finger's actuator, index of
 the first value of the finger's sensor, and number of steps in the finger's record."""
-MOVED = returns(reads(1), writes(1))
-"""MuJoCo's `qpos` and `ctrl`."""
+MOVED = returns(reads(1), writes(1), reads(1), writes(1))
+"""MuJoCo's `qpos`, `ctrl`, `qfrc_gravcomp` and `qfrc_applied`; the last two are empty if a robot on a fixed
+base has no weight."""
 ENGINE = returns(int64, int64)
 """Numba types of the addresses of MuJoCo's model and data."""
 KEPT = returns(writes(1), writes(1), writes(1, int64))
@@ -116,6 +117,15 @@ def _drive(qpos: Array, ctrl: Array, servos: Array, places: Array, asked: Array,
         else:
             seen = error if places[YIELDING, i] else min(max(error, -lag), lag)
             ctrl[places[ACTUATOR, i]] = here + seen + servos[LEAD, i] * advance
+
+
+@inlined
+def _let_hang(carried: Array, applied: Array, places: Array) -> None:
+    """MuJoCo carries the weight of all links (`carried`), as servos with an integral action do. What hangs on
+    joints whose servos do not hold it pulls (`applied`)."""
+    for i in range(places.shape[1]):
+        dof = places[DOF, i]
+        applied[dof] = -carried[dof] if places[LIMP, i] else 0.0
 
 
 @inlined
@@ -185,7 +195,7 @@ def march(
     warm, spare, whole = kept
     states, places, asked = servos
     tool, trace = finger
-    qpos, ctrl = moved
+    qpos, ctrl, carried, applied = moved
     sensors, patches = skin[0], skin[3]
     due = begin
     for number in range(begin, end):
@@ -194,6 +204,8 @@ def march(
         _drive(qpos, ctrl, states, places, asked, 0.0)
         if tool[ACTIVE]:
             _push(time, ctrl, tool, whole)
+        if len(carried):
+            _let_hang(carried, applied, places)
         guide(number, step, ctrl, hands)
         _step(model, data)
         if tool[ACTIVE]:

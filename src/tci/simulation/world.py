@@ -73,6 +73,7 @@ class World:
         people: int | Sequence[PersonModel] = 0,
         obstacles: Sequence[Obstacle] = (),
         self_touch: bool | None = None,
+        weight: bool = False,
     ) -> None:
         """Builds the world.
 
@@ -85,10 +86,12 @@ class World:
         - `people`: who can touch the robot with their hands (`person`), or how many.
         - `obstacles`: parts of persons, tables and boxes, out of reach until they are placed (`obstacle`).
         - `self_touch`: skin feels the robot's own other links; by default in worlds with people or obstacles.
+        - `weight`: a robot on a fixed base has weight. Servos hold it; those that are off, in torque mode or
+          without stiffness let it hang.
 
         `posture` maps generic parts to their generic angles [rad] at the start. Other parts start at their
-        initial posture. With `stands`, the robot carries its weight on a floor and may fall. Only the robot's
-        soles touch the floor. Without `stands`, the robot's base is fixed and the robot has no weight. Raises
+        initial posture. With `stands`, the robot carries its weight on a floor and may fall. Only its soles
+        touch the floor. Without `stands` its base is fixed, and without `weight` it then has none. Raises
         DescriptionError for a robot that can't be simulated. Raises CommandError for an invalid number or
         posture, and for a standing robot without skin on its soles.
         """
@@ -116,7 +119,8 @@ class World:
         self._generator = np.random.default_rng(seed)
         self._build = partial(
             build_scene, robot, self.surfaces, home, step=step, stands=stands, tip=tip, hands=hands,
-            obstacles=obstacles, self_touch=bool(models or obstacles) if self_touch is None else self_touch,
+            obstacles=obstacles,
+            self_touch=bool(models or obstacles) if self_touch is None else self_touch, weight=weight,
         )  # fmt: skip
         self._physics = Physics(self._build())
         self._home = home

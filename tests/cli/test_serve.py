@@ -12,7 +12,9 @@ from helpers.desk import Desk, turn_head
 from tci.cli.serve import serve
 from tci.drivers import registry
 from tci.drivers.simulated import SimulatedDriver
+from tci.gate.safe_command import SafeCommand
 from tci.lab.faults.fault_injector import FaultInjector, parse_fault
+from tci.messages import Perception, Reading
 from tci.reasons import MOST
 
 AWAY = 400
@@ -70,3 +72,24 @@ def test_of_many_kinds_of_refusals_most_are_counted_only(
     assert sum(refusals.values()) == 500
     assert len(refusals) == MOST + 1
     assert refusals["other reasons"] >= 500 - MOST - 1
+
+
+def test_a_served_robot_is_touched_again_and_again(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In simulated time: nobody waits for the clock here."""
+    driver = SimulatedDriver(tci.load_robot("nao"), people=1)
+    onsets: set[float] = set()
+
+    class Felt(Desk):
+        def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
+            super().publish(reading, perception, sent)
+            onsets.update(contact.onset for contact in perception.contacts)
+
+    monkeypatch.setattr(registry, "connect", lambda *_, **__: driver)
+    monkeypatch.setattr(registry, "open_server", lambda driver, via: Felt(driver, {}))
+    serve("nao", via="desk", touch=["press 'left forearm' 3N 0.3s"], duration=4.0, as_json=True)
+    told = json.loads(capsys.readouterr().out)
+    assert told["touches"][0]["kind"] == "press"
+    assert told["missed_touches"] == []
+    assert len(onsets) == 2

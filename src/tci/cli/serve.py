@@ -112,6 +112,7 @@ def serve(
                 "orders": served.orders,
                 "refusals": dict(served.refusals.counts),
                 "loop": report.to_json(),
+                **({} if asked is None else asked.to_json(driver)),
             }
         )
     else:

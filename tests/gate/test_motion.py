@@ -311,8 +311,8 @@ def test_at_a_limit_no_torque_leads_outward() -> None:
         assert safe.torque.tolist() == [0.0, 0.0]
     for step in range(30, 60):
         now = step * PERIOD
-        safe = gate.step([command(Mode.TORQUE, [2, 3], [-3.0, 3.0])], reading(outside, now), now)
-    assert safe.torque.tolist() == [-3.0, 3.0]
+        safe = gate.step([command(Mode.TORQUE, [2, 3], [-1.0, 1.0])], reading(outside, now), now)
+    assert safe.torque.tolist() == [-1.0, 1.0]
 
 
 def test_a_velocity_that_is_not_measured_lets_go() -> None:

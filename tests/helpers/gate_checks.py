@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from helpers import HELPERS
 from tci.gate.gate import Gate, SafeCommand
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder
 from tci.messages.frames import Array, read_only
-from tci.robot.description import Coupling, GenericPart, GenericServo, Limits, Robot, Servo
+from tci.robot.description import Coupling, GenericPart, GenericServo, Limits, Model, Robot, Servo
 
+MODEL = HELPERS / "tester.xml"
 PERIOD = 0.002
 LIMITS = Limits(lower=-1.0, upper=2.0, velocity=3.0, acceleration=40.0, jerk=4000.0)
 
@@ -24,9 +26,18 @@ def make_robot(
     modes: tuple[Mode, ...] = (Mode.POSITION,),
 ) -> Robot:
     """Returns a robot part with `count` servos. The first two servos are coupled. The last servo belongs to
-    no generic part."""
+    no generic part. Only torque mode needs a model: up to 6 joints of 0.125 kg m2."""
+    has_model = Mode.TORQUE in modes
     servos = tuple(
-        Servo(index=i, robot_part="arm", id=i, name=f"joint{i}", limits=limits, modes=modes)
+        Servo(
+            index=i,
+            robot_part="arm",
+            id=i,
+            name=f"joint{i}",
+            limits=limits,
+            modes=modes,
+            joint=f"joint{i}" if has_model else None,
+        )
         for i in range(count)
     )
     generic = tuple(
@@ -37,6 +48,7 @@ def make_robot(
         name="tester",
         source="tester.xml",
         digest="0",
+        model=Model(format="mjcf", path=str(MODEL), torso_link="base") if has_model else None,
         servos=servos,
         couplings=(coupling,) if coupled else (),
         parts=(GenericPart(name="left_arm", kind="arm", side="left", servos=generic),),

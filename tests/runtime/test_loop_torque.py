@@ -106,7 +106,7 @@ def test_joint_data_that_keeps_a_torque_up_does_not_outlive_the_run(
 
     monkeypatch.setattr(driver, "_receive", restless)
     run(driver, Push(), duration=0.2)
-    assert np.abs(sent.since(0.2)).max() > 10.0, "it is braked"
+    assert np.abs(sent.since(0.2)).max() > 2.0, "it is braked"
     assert len(sent.since(0.2)) <= REST / driver.period
     assert sent[-1][1] == 0.0
     assert driver.gate.state is not GateState.STOP

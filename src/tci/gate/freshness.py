@@ -7,17 +7,12 @@ import math
 
 from tci.messages import JointReading
 
-LONGEST = 0.02
-"""Largest age [s] at which joint data is fully trusted. Assumed: a constant braking torque needs about 50 ms
-to reverse a joint, and robots send joint data at least every 10 ms."""
+LONGEST = 0.03
+"""Largest age [s] at which joint data is fully trusted: data of 200 Hz that comes 14 ms late, with jitter."""
 FADE = 0.01
-"""Time [s] in which the trust in joint data (a factor of the permitted torques) falls from 1 to 0. The fall
-begins when the data is too old to be fully trusted. Assumed: in this time, even a joint with little inertia,
-under its full torque, becomes faster by at most a third of its speed limit."""
-USUAL = 1.5
-"""Data is fully trusted up to one control period plus this many times its usual age. The usual age is the
-mean age of the latest data at the time at which newer data arrives. Data older than `LONGEST` is never fully
-trusted. Assumed: the factor covers the jitter of the age."""
+"""Time [s] in which the trust in joint data (a factor of braking torques) falls from 1 to 0. The fall begins
+when the data is too old to be fully trusted; torques that drive a joint end at once then, since each of them
+adds energy that nobody sees."""
 SHARE = 0.1
 """Weight of the newest value in a running mean of ages [s]. Each value is the age of the latest joint data at
 the arrival of newer data. Assumed: a larger weight adapts faster to a slower network; a smaller weight is
@@ -67,8 +62,7 @@ class Freshness:
         return max(age, 0.0) if -self._period <= age < math.inf else math.inf
 
     def trust(self, age: float) -> float:
-        """Returns the trust (0..1) in data of an `age` [s]. The trust is 0 at any age above 0.03 s (`LONGEST`
-        + `FADE`). The more often data usually arrives, the smaller is the age at which the trust becomes 0.
-        """
-        counts = min(self._period + USUAL * self._usual, LONGEST)
+        """Trust (0..1) in data of an `age` [s]: 1 until newer data is overdue by a period, 0 at any age above
+        0.04 s (`LONGEST` + `FADE`)."""
+        counts = min(self._period + self._usual, LONGEST)
         return min(max(1.0 - (age - counts) / FADE, 0.0), 1.0)

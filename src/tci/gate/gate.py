@@ -21,6 +21,7 @@ from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tci.errors import CommandError, DriverError, TciError
 from tci.gate.acceptance import check_command, fault_of_reading
@@ -39,6 +40,8 @@ from tci.messages.commands import MOST_EXPECTED
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
+from tci.robot.joint_calibration import Tool
+from tci.robot.kinematics import KinematicChain
 from tci.robot.like import RobotLike, as_robot
 
 EARLY = 0.05
@@ -113,6 +116,7 @@ class Gate:
         self._stopped: Reason | None = None
         self._held: Reason | None = None
         self._told: list[Reason] = []
+        self._loads: dict[str, Tool] = {}
         self._credit, self._before = 1.0, -np.inf
         self._pace: float | None = 0.0  # latest delay of a loop that was never on time [periods]
         self.drop()
@@ -168,6 +172,26 @@ class Gate:
     def modes(self) -> tuple[Mode, ...]:
         """Control mode of every servo."""
         return tuple(self._motion.modes)
+
+    def load(self, part: str, mass: float, centre: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+        """Declares what a part carries, such as a tool in a hand: `mass` [kg], 0 if it is empty again, with
+        its `centre` (3,) [m] in the frame of the part's last link. Torque mode counts it as inertia.
+
+        The last link is the first one that all joints of the part move: the hand of an arm. Takes up to 0.1
+        s, so declare it at rest. Raises UnknownNameError for an unknown part, CommandError for a robot
+        without a model and for a load that can't be.
+        """
+        found = self._robot.part(part)
+        where = np.asarray(centre, dtype=float)
+        if not 0.0 <= mass < np.inf or where.shape != (3,) or not np.isfinite(where).all():
+            raise CommandError(f"load of {mass} kg at {centre!r}; valid: at least 0 kg, at (x, y, z) in m")
+        if self._robot.model is None:
+            raise CommandError(f"{self._robot.name} has no <model>; valid: a robot whose links are known")
+        own = {one.servo for one in found.servos if one.servo is not None}
+        chain = KinematicChain(self._robot)
+        link = max(chain.links, key=lambda name: len(own & {*chain.chain(name)}))
+        self._loads[link] = Tool(mass=mass, centre=tuple(where.tolist()))
+        self._motion.load(self._loads)
 
     def stop(self, reason: Reason | str) -> None:
         """Stops the robot within its limits and accepts no command until `reset`. If the gate has already

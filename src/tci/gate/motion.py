@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field, replace
 
@@ -29,6 +29,7 @@ from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, Pla
 from tci.messages.frames import Array, frozen
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
+from tci.robot.joint_calibration import Tool
 
 REST = float(np.deg2rad(3.0))
 """Measured speed [rad/s] below which a servo is at rest, so that its mode may be switched. Assumed: above an
@@ -105,6 +106,10 @@ class Motion:
         self._shares = np.zeros(len(robot.servos))
         self._stiffness: dict[int, float] = {}
         self._damping: dict[int, float] = {}
+
+    def load(self, tools: Mapping[str, Tool]) -> None:
+        """Sets what links carry, by the name of the link."""
+        self._torque.load(tools)
 
     @property
     def modes(self) -> list[Mode]:
@@ -267,12 +272,13 @@ class Motion:
             return frozen(np.zeros(others))
         age = self._freshness.age(now)
         trust = np.full(len(self._torque.servos), self._freshness.trust(age))
+        drives = bool(trust[0] == 1.0)
         if self._powered is not None:
             trust[~self._powered[self._torque.servos]] = 0.0
         if due:
             torque = self._torque.step(
                 self.groups.measured, self._velocity, self._slope.speed,
-                age=min(age, 1.0), span=self._slope.span, trust=trust,
+                age=min(age, 1.0), span=self._slope.span, trust=trust, drives=drives,
             )  # fmt: skip
         else:
             torque = self._torque.again(trust=trust)
@@ -368,6 +374,8 @@ class Motion:
         """Switches servos to another mode, in motion or once they rest. In the second case returns the reason
         with the braking time. Raises CommandError if a servo can't be switched."""
         check_switch(self.robot, switch)
+        if switch.mode is Mode.TORQUE:
+            self._torque.check(switch.servos)
         for servo in switch.servos.tolist():
             if servo in self._switched and self.modes[servo] is not switch.mode:
                 raise CommandError(

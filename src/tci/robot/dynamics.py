@@ -3,18 +3,25 @@ velocity and weight."""
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from tci.errors import UnknownNameError
 from tci.messages.frames import Array, read_only
 from tci.robot.description import Robot
 from tci.robot.gravity import STANDARD_GRAVITY, weighted_model
-from tci.robot.joint_calibration import JointCalibration
+from tci.robot.joint_calibration import JointCalibration, Tool
 from tci.robot.kinematics import joints_of
 from tci.support.engine import mujoco
 
 UPRIGHT = read_only([0.0, 0.0, -STANDARD_GRAVITY])
 """Gravity minus acceleration (3,) [m/s2] of a torso that is upright and at rest."""
+
+
+POSTURES = 256
+"""Random postures among which the least inertia is looked for. With 16 of them it is up to 2.4 times larger
+on a G1, with 4096 up to 10 % smaller on an iCub."""
 
 
 class Dynamics:
@@ -91,3 +98,23 @@ class Dynamics:
         model.body_ipos[body] = (own * before + mass * centre) / (own + mass)
         model.body_inertia[body] = values
         mujoco.mju_mat2Quat(model.body_iquat[body], axes.ravel())
+
+
+@lru_cache(maxsize=8)
+def least_inertia(robot: Robot, loads: tuple[tuple[str, Tool], ...] = ()) -> Array:
+    """Least inertia (n,) [kg m2] of the links that each servo moves, over the postures that its limits allow;
+    NaN for servos without a joint in the model.
+
+    Motors are left out: too small a value makes a limit of torques safe, too large a value does not. `loads`
+    are carried by links in addition. Raises the errors that `Dynamics` raises.
+    """
+    dynamics = Dynamics(robot, JointCalibration(robot=robot.name, tools=dict(loads)))
+    limits = [servo.limits for servo in robot.servos]
+    lower, upper = (
+        np.array([getattr(one, end) if getattr(one, end) is not None else 0.0 for one in limits])
+        for end in ("lower", "upper")
+    )
+    random, still = np.random.default_rng(0), np.zeros(len(limits))
+    postures = random.uniform(lower, np.maximum(lower, upper), (POSTURES, len(limits)))
+    least = np.min([np.diag(dynamics.at(posture, still)[0]) for posture in postures], axis=0)
+    return read_only(np.where(least > 0.0, least, np.nan))

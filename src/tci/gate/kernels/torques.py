@@ -29,6 +29,8 @@ class Limits(NamedTuple):
     """Decelerations [rad/s2] that are assumed to be available before a limit."""
     torque: Array
     """Largest torques [N m]."""
+    inertia: Array
+    """Least inertias [kg m2] of what the servos move."""
 
 
 class Measured(NamedTuple):
@@ -44,6 +46,23 @@ class Measured(NamedTuple):
     """Torque times duration [N m s] that was sent since `speed` was measured."""
     since_slope: Array
     """Torque times duration [N m s] that was sent since `slope` was measured."""
+    between: Array
+    """Torque times duration [N m s] that acted between the reading before and this one."""
+
+
+class Times(NamedTuple):
+    """Times of one period [s]."""
+
+    age: float
+    """Age of the measured speeds."""
+    half: float
+    """Time by which the mean speeds are older."""
+    elapsed: float
+    """Time between this reading and the one before; 0 if no new reading came."""
+    underway: float
+    """Time from a torque's computation to its effect."""
+    period: float
+    """Period of the control loop."""
 
 
 class Memory(NamedTuple):
@@ -55,40 +74,41 @@ class Memory(NamedTuple):
     """Torques [N m] that approach the commanded torques gradually."""
     given: Array
     """Torques [N m] that are sent."""
-    calm: Array
-    """Fractions (0 to 1) of the full braking torque that are used."""
+    load: Array
+    """Torques [N m] that something else seems to exert: what holds a joint, its weight, its friction, its
+    neighbours, and the part of the servo's own torque that a motor with more inertia takes."""
     before: Array
-    """Velocities [rad/s] at which these fractions were chosen."""
+    """Velocities [rad/s] of the reading before."""
 
 
-MARGIN = 1e-6
-"""Smallest speed [rad/s] by which the computation of braking torques divides, so that it never divides by
-zero."""
 RISE = 0.02
 """Time [s] in which a torque may rise from zero to its limit. Assumed: a sudden change of torque would jerk
 the joint."""
-BAND = 0.1
-"""A servo that exceeds the allowed speed by at least this fraction of the allowed speed is braked with the
-full braking torque. Assumed: with a smaller value, the torque chatters; with a larger value, a joint exceeds
-its limit by more."""
 SETTLE = 2.0
-"""A servo counts as slow, and is braked by a torque proportional to its speed, if its acceleration limit
-could stop it within this number times the delay of its measurements. Assumed: with full torque, a servo at
-rest at a limit would tremble because of the noise of its velocity."""
-CALMER, BOLDER, LEAST = 0.5, 1.5, 1.0 / 64.0
-"""Three numbers that adapt the braking torque to the joint. With each new velocity, the braking torque is
-multiplied by CALMER if it has reversed the joint's motion, else by BOLDER. It is never below the fraction
-LEAST of the full braking torque, and never above the full braking torque. Assumed: with full braking torque,
-a joint that is much lighter than its limits imply would oscillate."""
+"""A joint slows down so early before a limit that it can settle: by this number of delays of its
+measurements. Assumed: with a smaller value, joints overshoot their limits."""
 FADE = float(np.deg2rad(2.0))
 """Distance [rad] from a limit below which a torque towards the limit decreases to zero. Assumed: with a
 shorter distance, joints are pushed into their limits; with a longer distance, more of their range is lost."""
+SLOW = float(np.deg2rad(3.0))
+"""Speed [rad/s] from which a brake also holds against what drives the joint. Below it this share is in
+proportion to the speed, so that a joint at rest never presses against somebody."""
+LEARN, MOVING, UNLEARN = 0.1, 0.2, 0.005
+"""Time constants [s] with which a load that opposes the torque is believed while the joint stands and while
+it moves, and with which it is believed that a load is less, or drives the joint. On iCub's arms, with hostile
+torques on all joints, half of the first two lets true speeds exceed the limit for 60 ms instead of 15, and
+with double of them a held joint gets half of its torque after 2 s instead of 1."""
+STANDS = 0.1
+"""Fraction of its speed limit below which a joint stands."""
+UNSURE = 0.15
+"""If angles tell a speed that is larger than the measured velocity by this fraction of the speed limit, no
+load is believed: the joint moves and its velocity does not show it."""
 
 
 @compiled(
     void(
-        views(1, int64), record(Measured, *5 * [writes(1)]), record(Limits, *7 * [writes(1)]), views(1),
-        views(1, boolean), float64, float64, record(Memory, *5 * [writes(1)]),
+        views(1, int64), record(Measured, *6 * [writes(1)]), record(Limits, *8 * [writes(1)]), views(1),
+        views(1, boolean), record(Times, *5 * [float64]), boolean, record(Memory, *5 * [writes(1)]),
     )
 )  # fmt: skip
 def limit_torques(
@@ -97,12 +117,15 @@ def limit_torques(
     limits: Limits,
     trust: Array,
     halts: NDArray[np.bool_],
-    late: float,
-    period: float,
+    times: Times,
+    drives: bool,
     memory: Memory,
 ) -> None:
     """Computes the torques [N m] that are sent now to servos in torque mode, and writes them into
     `memory.given`.
+
+    A torque T and a load d change the speed of a joint of inertia I by (T + d) / I per second. So the torque
+    that reaches a speed v when the next torque takes effect is I (v - v_now) / delay - d.
 
     Args:
         servos: Indices (k,) of these servos.
@@ -110,43 +133,59 @@ def limit_torques(
         limits: Their limits.
         trust: Fraction (k,), 0 to 1, of each torque that is permitted: the trust in the measurements.
         halts: Where it is True (n_servos,), any motion is braked.
-        late: Age [s] of the measurements when the next torques are computed, one `period` later.
-        period: Period [s] of the control loop.
+        times: When this was measured.
+        drives: False if torques may only brake.
         memory: Commanded torques, and what is kept from one period to the next.
     """
+    elapsed, unseen = times.elapsed, times.age + times.underway
+    late = unseen + times.period
     for k in range(len(servos)):
         i = servos[k]
         q, v, wanted = measured.position[i], measured.speed[i], memory.wanted[i]
         if not abs(v) < float("inf"):
             v = wanted = 0.0
         mean = measured.slope[i] if abs(measured.slope[i]) < float("inf") else v
-        most, quickest = limits.torque[k], limits.acceleration[k]
-        above, below = max(limits.upper[k] - q, 0.0), max(q - limits.lower[k], 0.0)
-        inside = limits.lower[k] <= q <= limits.upper[k]
-        fastest = limits.velocity[k] if inside else limits.creep[k]
-        # Distance left when this torque has taken effect, less that which slow speeds need to settle.
-        slow = SETTLE * quickest * late
-        room = max((above if v > 0.0 else below) - abs(v) * late - slow * SETTLE * late, 0.0)
-        safe = 0.0 if halts[i] else min((1.0 - BAND) * fastest, np.sqrt(2.0 * limits.approach[k] * room))
-        braking = min(max((abs(v) - safe) / max(BAND * safe, MARGIN), 0.0), 1.0)
-        # Torques given since the reading have already accelerated the joint.
-        rise, risen = most * period / RISE, memory.risen[i]
+        most, inertia = limits.torque[k], limits.inertia[k]
+        fastest = limits.velocity[k]
+        if elapsed > 0.0:
+            seen = (inertia * (v - memory.before[i]) - measured.between[i]) / elapsed
+            seen = min(max(seen, -most), most)
+            grows = seen * memory.load[i] >= 0.0 and abs(seen) > abs(memory.load[i])
+            opposes = seen * memory.risen[i] <= 0.0
+            time = UNLEARN
+            if grows and opposes:
+                time = LEARN if abs(v) < STANDS * fastest else MOVING
+            memory.load[i] += elapsed / (elapsed + time) * (seen - memory.load[i])
+            memory.before[i] = v
+        load = memory.load[i]
+        if abs(mean) > abs(v) + UNSURE * fastest:
+            load = memory.load[i] = 0.0
+        rise, risen = most * times.period / RISE, memory.risen[i]
         risen = memory.risen[i] = trust[k] * min(max(wanted, risen - rise), risen + rise)
-        way, left = (1.0, above) if risen > 0.0 else (-1.0, below)
-        ahead = max(
-            way * v + quickest / most * max(way * measured.since_speed[i], 0.0),
-            way * mean + quickest / most * max(way * measured.since_slope[i], 0.0),
-        )
-        driving = min(
-            abs(risen) * min(left / FADE, 1.0),
-            most * max(limits.velocity[k] - ahead, 0.0) / (quickest * late),
-        )
-        # If angles repeat, or move opposite to the velocity, braking would drive the joint.
-        real = mean != 0.0 and mean * v >= -0.5 * v * v
-        before, share = memory.before[i], memory.calm[i]
-        if v != before:
-            turned = v * before < 0.0 and braking > 0.0
-            share = min(max((CALMER if turned else BOLDER) * share, LEAST), 1.0)
-        memory.before[i], memory.calm[i] = v, share
-        against = trust[k] * share * most * min(max(v / slow, -1.0), 1.0) if real else 0.0
-        memory.given[i] = (1.0 - braking) * way * driving - braking * against
+        if not drives:
+            risen = 0.0
+        inside = limits.lower[k] <= q <= limits.upper[k]
+        top = fastest if inside else limits.creep[k]
+        settle = 2.0 * limits.approach[k] * SETTLE * late
+        given, brake = risen, 0.0
+        for way in (-1.0, 1.0):
+            left = max(limits.upper[k] - q if way > 0.0 else q - limits.lower[k], 0.0)
+            speed, net = way * v, way * load
+            # what was sent since the reading has already changed the speed
+            ahead = max(
+                speed + (way * measured.since_speed[i] + net * unseen) / inertia,
+                way * mean + (way * measured.since_slope[i] + net * (unseen + times.half)) / inertia,
+                min(speed, 0.0),
+            )
+            room = max(left - max(speed, 0.0) * late - settle * late, 0.0)
+            safe = 0.0 if halts[i] else min(top, np.sqrt(2.0 * limits.approach[k] * room))
+            bound = inertia * (safe - ahead) / late - net
+            if way * risen > 0.0:
+                given = way * max(min(abs(risen) * min(left / FADE, 1.0), bound), 0.0)
+            # if angles repeat, or move opposite to the velocity, braking would drive the joint
+            if bound < 0.0 < speed and mean != 0.0 and mean * v >= -0.5 * v * v:
+                least = -inertia * max(ahead, 0.0) / late - min(speed / SLOW, 1.0) * max(net, 0.0)
+                brake = way * max(bound, least)
+        if brake != 0.0:
+            given = trust[k] * min(max(brake, -most), most)
+        memory.given[i] = min(max(given, -most), most)

@@ -1,0 +1,65 @@
+"""Each control mode keeps its limits on a robot of rigid bodies that the gate knows only roughly.
+
+The judge is `helpers.four_modes`, which takes nothing from the gate.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from helpers.four_modes import FourModes, pushed
+from helpers.gate_checks import LIMITS, PERIOD, make_robot, reading
+from tci.errors import CommandError, UnknownNameError
+from tci.gate.gate import Gate
+from tci.messages import CONTROL_MODES, Mode, PlatformSwitch
+from tci.reasons import Code
+from tci.robot.catalogue import load_robot
+
+ICUB = load_robot("icub")
+
+
+@pytest.mark.parametrize(("rate", "seed"), [(200.0, 10), (500.0, 11)])
+def test_hostile_torques_with_late_readings_make_no_joint_too_fast(rate: float, seed: int) -> None:
+    """With the inertia torque limit / acceleration limit, true speeds were up to 8.5 times their limits."""
+    trial = FourModes(ICUB, Mode.TORQUE, seed, rate=rate, bodies=False)
+    while trial.plant.time < 4.0:
+        trial.step()
+    assert trial.seen.faults(Mode.TORQUE) == []
+    assert trial.seen.silences > 0
+    assert trial.seen.speed > 0.8, "hostile enough"
+
+
+@pytest.mark.parametrize("name", ["l_shoulder_pitch", "l_shoulder_yaw"])
+def test_a_free_joint_becomes_fast_and_a_held_one_gets_its_torque(name: str) -> None:
+    servo = next(one.index for one in ICUB.servos if one.name == name)
+    fast, _ = pushed(ICUB, servo, held=False, seed=1)
+    assert fast >= 0.8
+    _, sent = pushed(ICUB, servo, held=True, seed=1)
+    assert sent >= 0.5
+
+
+def test_a_declared_load_counts_where_the_hand_carries_it() -> None:
+    gate = Gate(ICUB, period=PERIOD, stale_after=0.05)
+    names = [one.name for one in ICUB.servos]
+    before = gate._motion._torque._inertia
+    gate.load("left_arm", 1.0, (0.05, 0.05, 0.1))
+    gained = gate._motion._torque._inertia - before
+    assert gained[names.index("l_wrist_yaw")] > 0.004
+    assert gained[names.index("l_elbow")] > 0.05
+    assert not gained[names.index("r_elbow")]
+    gate.load("left_arm", 0.0)
+    np.testing.assert_allclose(gate._motion._torque._inertia, before)
+    with pytest.raises(CommandError, match="valid: at least 0 kg"):
+        gate.load("left_arm", -1.0)
+    with pytest.raises(UnknownNameError):
+        gate.load("tail", 1.0)
+
+
+def test_without_masses_there_is_no_torque_mode() -> None:
+    robot = make_robot(limits=LIMITS.model_copy(update={"torque": 5.0}), modes=CONTROL_MODES)
+    gate = Gate(robot.model_copy(update={"model": None}), period=PERIOD, stale_after=0.05)
+    safe = gate.step(PlatformSwitch(np.array([2]), Mode.TORQUE), reading([0.0] * 6), 0.0)
+    assert [one.code for one in safe.refusals] == [Code.LIMITS_UNKNOWN]
+    assert "joint2 has no torque mode: no <model>" in safe.refusals[0].text
+    assert "valid: a <model> with the masses of all links" in safe.refusals[0].text

@@ -177,8 +177,7 @@ class Gate:
         """Declares what a part carries, such as a tool in a hand: `mass` [kg], 0 if it is empty again, with
         its `centre` (3,) [m] in the frame of the part's last link. Torque mode counts it as inertia.
 
-        The last link is the first one that all joints of the part move: the hand of an arm. Takes up to 0.1
-        s, so declare it at rest. Raises UnknownNameError for an unknown part, CommandError for a robot
+        The last link is the palm of an arm's hand. Takes up to 0.1 s, so declare it at rest. Raises UnknownNameError for an unknown part, CommandError for a robot
         without a model and for a load that can't be.
         """
         found = self._robot.part(part)
@@ -189,7 +188,11 @@ class Gate:
             raise CommandError(f"{self._robot.name} has no <model>; valid: a robot whose links are known")
         own = {one.servo for one in found.servos if one.servo is not None}
         chain = KinematicChain(self._robot)
-        link = max(chain.links, key=lambda name: len(own & {*chain.chain(name)}))
+        fingers = {
+            one.servo for other in self._robot.parts if other.kind == "fingers" for one in other.servos
+        }
+        moved = {name: {*chain.chain(name)} - fingers for name in chain.links}
+        link = max(moved, key=lambda name: (len(own & moved[name]), len(moved[name])))
         self._loads[link] = Tool(mass=mass, centre=tuple(where.tolist()))
         self._motion.load(self._loads)
 

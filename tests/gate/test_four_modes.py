@@ -46,7 +46,7 @@ def test_a_declared_load_counts_where_the_hand_carries_it() -> None:
     gate.load("left_arm", 1.0, (0.05, 0.05, 0.1))
     gained = gate._motion._torque._inertia - before
     assert gained[names.index("l_wrist_yaw")] > 0.004
-    assert gained[names.index("l_elbow")] > 0.05
+    assert gained[names.index("l_elbow")] > 0.01
     assert not gained[names.index("r_elbow")]
     gate.load("left_arm", 0.0)
     np.testing.assert_allclose(gate._motion._torque._inertia, before)

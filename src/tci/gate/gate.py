@@ -177,8 +177,9 @@ class Gate:
         """Declares what a part carries, such as a tool in a hand: `mass` [kg], 0 if it is empty again, with
         its `centre` (3,) [m] in the frame of the part's last link. Torque mode counts it as inertia.
 
-        The last link is the palm of an arm's hand. Takes up to 0.1 s, so declare it at rest. Raises UnknownNameError for an unknown part, CommandError for a robot
-        without a model and for a load that can't be.
+        The last link is the palm of an arm's hand. Takes up to 0.1 s, so declare it at rest. Raises
+        UnknownNameError for an unknown part, CommandError for a robot without a model and for a load that
+        can't be.
         """
         found = self._robot.part(part)
         where = np.asarray(centre, dtype=float)

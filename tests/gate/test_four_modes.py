@@ -19,10 +19,11 @@ from tci.robot.catalogue import load_robot
 ICUB = load_robot("icub")
 
 
-@pytest.mark.parametrize(("rate", "seed"), [(200.0, 10), (500.0, 11)])
-def test_hostile_torques_with_late_readings_make_no_joint_too_fast(rate: float, seed: int) -> None:
-    """With the inertia torque limit / acceleration limit, true speeds were up to 8.5 times their limits."""
-    trial = FourModes(ICUB, Mode.TORQUE, seed, rate=rate, bodies=False)
+@pytest.mark.parametrize(("rate", "seed"), [(200.0, 12), (500.0, 14)])
+def test_hostile_torques_with_late_readings_keep_speeds_and_links_apart(rate: float, seed: int) -> None:
+    """With the inertia torque limit / acceleration limit, true speeds were up to 8.5 times their limits, and
+    links overlapped by 50 and 110 mm."""
+    trial = FourModes(ICUB, Mode.TORQUE, seed, rate=rate)
     while trial.plant.time < 4.0:
         trial.step()
     assert trial.seen.faults(Mode.TORQUE) == []
@@ -47,7 +48,7 @@ def test_a_declared_load_counts_where_the_hand_carries_it() -> None:
     gained = gate._motion._torque._inertia - before
     assert gained[names.index("l_wrist_yaw")] > 0.004
     assert gained[names.index("l_elbow")] > 0.01
-    assert not gained[names.index("r_elbow")]
+    assert abs(gained[names.index("r_elbow")]) < 1e-9
     gate.load("left_arm", 0.0)
     np.testing.assert_allclose(gate._motion._torque._inertia, before)
     with pytest.raises(CommandError, match="valid: at least 0 kg"):

@@ -27,6 +27,8 @@ GROWS, FLOOR = 1.10, 0.01
 energy at the speed limits below which it counts as rest."""
 SILENCE = 0.25
 """Length of a silence [s]."""
+COASTS = 0.5
+"""Time [s] after a silence in which links may touch: without readings nothing brakes in torque mode."""
 
 
 @dataclass
@@ -100,6 +102,7 @@ class FourModes:
         self._wanted, self._again = np.zeros(len(able)), np.zeros(len(able))
         self._usual = 0.0
         self._latest = -1
+        self._coasts = 0.0
 
     def step(self) -> Any:
         """One period."""
@@ -207,7 +210,8 @@ class FourModes:
                     self._before = own_energy
                 floor = FLOOR * limit
                 seen.growth = max(seen.growth, (own_energy + floor) / (max(self._before, 0.0) + floor))
-        if self._clearance is not None and seen.cycles % 4 == 0:
+        self._coasts = now + COASTS if self._silent is not None else self._coasts
+        if self._clearance is not None and seen.cycles % 4 == 0 and now > self._coasts:
             gap = self._clearance.gap(angle, within=0.02)
             seen.overlap = max(seen.overlap, -gap.distance)
 

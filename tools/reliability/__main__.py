@@ -27,9 +27,9 @@ from g1 import unitree_faults, unitree_messages, unitree_motion
 from g1_hostile import unitree_hostile
 from g1_kills import unitree_kills
 from kills import yarp_kills
+from modes import modes
 from mutation import branches, mutation
 from non_finite import non_finite
-from plant import plant
 from pool import COMMITS
 from recordings import killed, minute
 from report import commit, save, show
@@ -45,7 +45,7 @@ from wires import wires
 ROWS: dict[str, Callable[[bool], Row]] = {
     one.__name__: one
     for one in (
-        limits, plant, squeezed, bodies, moves_away, whole_arm, non_finite, heartbeat, one_kilohertz, loop,
+        limits, modes, squeezed, bodies, moves_away, whole_arm, non_finite, heartbeat, one_kilohertz, loop,
         false_reflexes, descriptions, guided, heartbeats, wires, dropped, killed, minute, yarp_skin,
         yarp_kills, mutation, branches, exposure, felt_places, felt_nothing, felt_reflex,
         unitree_kills, unitree_messages, unitree_hostile, unitree_faults, unitree_motion,

@@ -68,6 +68,26 @@ class BodyGuard:
             return None
         return self._fault_of_path(index, stop, others, measured)
 
+    def fault_of_way(
+        self, index: NDArray[np.intp], ways: Array, others: Sequence[JointGroup], measured: Array
+    ) -> Reason | None:
+        """The reason why servos `index` (k,) in torque mode must not go on by `ways` (k,) [rad] from where
+        they were measured, while the groups `others` stop; None if they may."""
+        box = np.array([measured, measured])
+        box[0, index] += np.minimum(ways, 0.0)
+        box[1, index] += np.maximum(ways, 0.0)
+        for other in others:
+            take_room(other.index, measured, other.limiter.position, other.limiter.span, box)
+        if self._body.keeps_margin(box):
+            return None
+        path = measured[None].repeat(LOOKS, axis=0)
+        path[:, index] += SHARES[:, None] * ways
+        for other in others:
+            limiter = other.limiter
+            stop = limiter.stop_at(limiter.remaining * SHARES)
+            path[:, other.index] += stop - stop[0]
+        return self._body.fault(path)
+
     def _fault_of_path(
         self, index: NDArray[np.intp], stop: StopTrajectory, others: Sequence[JointGroup], measured: Array
     ) -> Reason | None:

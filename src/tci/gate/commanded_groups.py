@@ -33,7 +33,8 @@ class CommandedGroups:
         """Starts with no groups under command; `period` [s] is the period of the control loop. Raises
         TciError if the robot can't be checked for self-collision."""
         self._robot, self._period, self._settings = robot, period, settings
-        self._group_of = groups_of(robot)
+        self.group_of = groups_of(robot)
+        """Number of each servo's group."""
         self._chains: dict[int, JointGroup] = {}
         self._chain_of: dict[int, JointGroup]
         """The group that moves each servo under command."""
@@ -59,7 +60,7 @@ class CommandedGroups:
         """Moves a copy of the first group that can move, for one period; nobody follows it. The first motion
         of a process loads the planner and the compiled loops, which takes longer than later motions."""
         servos = [servo.index for servo in self._robot.servos if is_movable(servo)]
-        servos = [servo for servo in servos if self._group_of[servo] == self._group_of[servos[0]]]
+        servos = [servo for servo in servos if self.group_of[servo] == self.group_of[servos[0]]]
         if not servos:
             return
         limits = [self._robot.servos[servo].limits for servo in servos]
@@ -121,7 +122,7 @@ class CommandedGroups:
             return [chain for chain in known if chain]
         wanted: dict[int, set[int]] = {}
         for servo in servos:
-            wanted.setdefault(self._group_of[servo], set()).add(servo)
+            wanted.setdefault(self.group_of[servo], set()).add(servo)
         chains: dict[int, JointGroup] = {}
         for group, mine in wanted.items():
             old = self._chains.get(group)
@@ -151,8 +152,8 @@ class CommandedGroups:
         starts = np.zeros(len(speed))
         starts[fresh] = speed[fresh]
         chains: dict[int, JointGroup | None] = {}
-        for group in {self._group_of[servo] for servo in servos}:
-            mine = {servo for servo in servos if self._group_of[servo] == group}
+        for group in {self.group_of[servo] for servo in servos}:
+            mine = {servo for servo in servos if self.group_of[servo] == group}
             old = self._chains.get(group)
             kept = (({*old.servos} if old else set()) | mine) - loose
             if old is not None and kept == {*old.servos} and kept.isdisjoint(fresh):
@@ -176,7 +177,7 @@ class CommandedGroups:
         """True if a servo has no reference from which it could go on after a change of mode: nobody commands
         it, it is in torque mode, or it is compliant and not at its equilibrium. A compliant servo in motion
         is never exactly there, so it goes on from its reference while it is near."""
-        chain = self._chains.get(self._group_of[servo])
+        chain = self._chains.get(self.group_of[servo])
         if chain is None or servo not in chain.servos:
             return True
         if self.modes[servo] is not Mode.IMPEDANCE:

@@ -101,6 +101,7 @@ class Motion:
         self._powered: NDArray[np.bool_] | None = None
         self._switched: set[int] = set()
         self._waiting: list[WaitingSwitch] = []
+        self._back: set[int] = set()  # groups in torque mode that go back from another link
         self._fixed = {servo.index for servo in robot.servos if not is_movable(servo)}
         self._immovable = Immovable(robot)
         self._shares = np.zeros(len(robot.servos))
@@ -257,7 +258,30 @@ class Motion:
                 self._tally.near_misses += ended.code is Code.SELF_COLLISION
         if self._torque.servos.size:
             self._torque.relax(np.flatnonzero(now - self._fed > longest))
+            near += self._keep_apart(self._freshness.age(now))
         return near
+
+    def _keep_apart(self, age: float) -> list[Reason]:
+        """Takes servos in torque mode back whose motion would bring links too near each other. Returns the
+        reasons for those that begin to go back."""
+        body, loose = self.groups.body, self._torque.servos
+        if body is None or not np.isfinite(age):
+            return []
+        ways, moves = self._torque.ways(self._velocity, age), np.abs(self._velocity[loose]) > REST
+        groups, told, back = np.array(self.groups.group_of)[loose], [], set()
+        for group in dict.fromkeys(groups.tolist()):
+            own = groups == group
+            with_others = np.where(own | moves, ways, 0.0)
+            near = body.fault_of_way(loose, with_others, self.groups.chains, self.groups.measured)
+            if near is None:
+                continue
+            self._torque.go_back(loose[own], ways[own])
+            back.add(group)
+            if group not in self._back:
+                told.append(replace(near, text=f"goes back: {near}"))
+                self._tally.near_misses += 1
+        self._back = back
+        return told
 
     def torques(self, now: float, *, due: bool) -> Array:
         """Returns the torques (k,) [N m] of the servos under command at `now` [s], in the order of

@@ -34,6 +34,8 @@ periods. Assumed: larger than rounding errors."""
 REMEMBERED = 0.1
 """Time [s] for which past torques are stored: longer than the readings from which torques are computed are
 old."""
+NUDGE = float(np.deg2rad(1.0))
+"""Angle [rad] by which a full torque is looked ahead of for self-collision."""
 UNDERWAY = 2.0
 """Periods that a torque needs from the gate to the motor. Robots need 1 to 3; with 1 true speeds are 5 %
 higher."""
@@ -50,7 +52,7 @@ class TorqueLimiter:
         count = len(robot.servos)
         self._memory = Memory(*np.zeros((5, count)))
         self._pushed = deque([np.zeros(count)], maxlen=1 + math.ceil(REMEMBERED / period))
-        self._halts = np.zeros(count, np.bool_)
+        self._halts = np.zeros(count)
         self._clock, self._taken = 0.0, -np.inf
         self.servos: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
         """Indices (k,) of the servos in torque mode."""
@@ -116,7 +118,21 @@ class TorqueLimiter:
         """Sets the commanded torque of some servos, or of all servos, to zero. The next call of `step` brakes
         any motion of these servos."""
         self.relax(servos)
-        self._halts[servos] = True
+        self._halts[servos] = 1.0
+
+    def ways(self, velocity: Array, age: float) -> Array:
+        """Angles (k,) [rad] to which the motion of the servos leads from where they were measured `age` [s]
+        ago: until a brake takes effect, until it has ended the motion, and a little where torques point."""
+        limits, own = self._limits, self.servos
+        late = age + (1.0 + UNDERWAY) * self._period
+        speed = np.nan_to_num(velocity[own])
+        turned: Array = self._memory.wanted[own] / limits.torque
+        return speed * late + speed * np.abs(speed) / (2.0 * limits.approach) + NUDGE * turned
+
+    def go_back(self, servos: NDArray[np.intp], ways: Array) -> None:
+        """In the next step brakes `servos` and takes them back from where their `ways` (k,) [rad] lead."""
+        self.relax(servos)
+        self._halts[servos] = np.where(ways == 0.0, 1.0, 2.0 * np.sign(ways))
 
     def step(
         self,
@@ -163,7 +179,7 @@ class TorqueLimiter:
         limit_torques(
             self.servos, measured, self._limits, self._trust, self._halts, times, drives, self._memory
         )
-        self._halts[:] = False
+        self._halts[:] = 0.0
         self._pushed.append(self._pushed[-1] + self._period * self._memory.given)
         return self._given()
 

@@ -98,6 +98,11 @@ LEARN, MOVING, UNLEARN = 0.1, 0.2, 0.005
 it moves, and with which it is believed that a load is less, or drives the joint. On iCub's arms, with hostile
 torques on all joints, half of the first two lets true speeds exceed the limit for 60 ms instead of 15, and
 with double of them a held joint gets half of its torque after 2 s instead of 1."""
+BACK = float(np.deg2rad(3.0))
+"""Speed [rad/s] at which links that came too near each other part again."""
+HELD = 0.1
+"""Fraction of the torque limit up to which a joint that goes back from another link is held against what
+drives it there. The weight that a firmware with wrong masses leaves is less."""
 STANDS = 0.1
 """Fraction of its speed limit below which a joint stands."""
 UNSURE = 0.15
@@ -108,7 +113,7 @@ load is believed: the joint moves and its velocity does not show it."""
 @compiled(
     void(
         views(1, int64), record(Measured, *6 * [writes(1)]), record(Limits, *8 * [writes(1)]), views(1),
-        views(1, boolean), record(Times, *5 * [float64]), boolean, record(Memory, *5 * [writes(1)]),
+        views(1), record(Times, *5 * [float64]), boolean, record(Memory, *5 * [writes(1)]),
     )
 )  # fmt: skip
 def limit_torques(
@@ -116,7 +121,7 @@ def limit_torques(
     measured: Measured,
     limits: Limits,
     trust: Array,
-    halts: NDArray[np.bool_],
+    halts: Array,
     times: Times,
     drives: bool,
     memory: Memory,
@@ -132,7 +137,8 @@ def limit_torques(
         measured: Their measurements.
         limits: Their limits.
         trust: Fraction (k,), 0 to 1, of each torque that is permitted: the trust in the measurements.
-        halts: Where it is True (n_servos,), any motion is braked.
+        halts: What each servo (n_servos,) must do besides: 0 nothing; 1 brake any motion; 2 or -2 go back
+            from larger or from smaller angles, where another link is.
         times: When this was measured.
         drives: False if torques may only brake.
         memory: Commanded torques, and what is kept from one period to the next.
@@ -178,14 +184,21 @@ def limit_torques(
                 min(speed, 0.0),
             )
             room = max(left - max(speed, 0.0) * late - settle * late, 0.0)
-            safe = 0.0 if halts[i] else min(top, np.sqrt(2.0 * limits.approach[k] * room))
+            safe = 0.0 if halts[i] == 1.0 else min(top, np.sqrt(2.0 * limits.approach[k] * room))
             bound = inertia * (safe - ahead) / late - net
+            if halts[i] == 2.0 * way:
+                # whatever drives the joint there is held, but nothing is pressed towards the other link
+                held = min(max(net, 0.0), HELD * most)
+                back = min(inertia * (-BACK - ahead) / late - held, 0.0)
+                brake = way * back if back < 0.0 else brake
+                continue
             if way * risen > 0.0:
                 given = way * max(min(abs(risen) * min(left / FADE, 1.0), bound), 0.0)
             # if angles repeat, or move opposite to the velocity, braking would drive the joint
             if bound < 0.0 < speed and mean != 0.0 and mean * v >= -0.5 * v * v:
                 least = -inertia * max(ahead, 0.0) / late - min(speed / SLOW, 1.0) * max(net, 0.0)
-                brake = way * max(bound, least)
+                # twice what the links alone need: a motor has inertia too
+                brake = way * max(bound - inertia * max(ahead - safe, 0.0) / late, least)
         if brake != 0.0:
             given = trust[k] * min(max(brake, -most), most)
         memory.given[i] = min(max(given, -most), most)

@@ -149,6 +149,25 @@ def test_after_a_gap_a_torque_rises_again_in_time() -> None:
     assert elbow.torques[-1] > 3.0
 
 
+def test_a_joint_that_really_is_too_fast_is_braked_and_its_encoder_believed() -> None:
+    """At 100 Hz, 2.8 times its limit is more than 2 degrees a period beyond it; angle and velocity agree."""
+    period, speed, index = 0.01, 2.8 * ELBOW.limits.velocity, np.array([ELBOW.index])
+    gate = Gate(ICUB, period=period, stale_after=0.05)
+    angles, speeds = np.array(initial_position(ICUB)), np.zeros(len(ICUB.servos))
+    angles[ELBOW.index] = np.deg2rad(20.0)
+    for step in range(16):
+        if step == 8:
+            speeds[ELBOW.index] = speed
+        angles += period * speeds
+        orders: list[PlatformOrder] = [PlatformCommand(Mode.TORQUE, index, np.array([5.0]), np.ones(1))]
+        if not step:
+            orders = [PlatformSwitch(index, Mode.TORQUE)]
+        joints = JointReading(step * period, step, read_only(angles.copy()), read_only(speeds.copy()))
+        safe = gate.step(orders, joints, step * period)
+    assert safe.state is GateState.RUN
+    assert safe.torque[0] < -1.0
+
+
 def test_a_stop_because_of_a_lie_ends_braking_too() -> None:
     """Otherwise a wrong encoder could drive the joint to the other end of its range."""
     elbow = Elbow()

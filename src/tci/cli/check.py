@@ -175,6 +175,8 @@ def remarks(robot: Robot) -> list[str]:
     """Returns a remark for each property of a description that is valid but restricts the robot's use. An
     example is a servo without limits, since the gate refuses to move such a servo.
     """
+    from tci.lab.commissioning.assumptions import powers, too_quick
+
     needed = ("lower", "upper", "velocity", "acceleration", "jerk")
     notes = []
     for part in robot.parts:
@@ -197,4 +199,4 @@ def remarks(robot: Robot) -> list[str]:
         notes.append(f"assumed skin, which nobody has seen on the robot: {', '.join(assumed)}")
     if robot.model is None:
         notes.append("no kinematic model: the robot can't be simulated, and its skin has no place in space")
-    return notes
+    return [*notes, *too_quick(robot), *powers(robot)]

@@ -8,6 +8,7 @@ import numpy as np
 
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver
+from tci.lab.commissioning.assumptions import powers, too_quick
 from tci.lab.commissioning.friction import feeling_servos
 from tci.lab.commissioning.streams import Observation, Stream
 from tci.messages import Reading
@@ -37,7 +38,16 @@ def judge(driver: Driver, seen: Observation) -> tuple[Finding, ...]:
         *(found for reading in seen.readings[-1:] for found in judge_torques(driver.robot, reading)),
         *(found for stream in seen.streams[1:] for found in _skin_stream(driver.robot, stream)),
         *_skin_values(driver.robot, seen),
+        *_limits(driver.robot),
     )
+
+
+def _limits(robot: Robot) -> Iterator[Finding]:
+    for sentence in too_quick(robot):
+        what, _, advice = sentence.partition("; valid: ")
+        yield Finding(Level.NOTE, "limits", what, f"in the description: {advice}")
+    for sentence in powers(robot):
+        yield Finding(Level.OK, "limits", sentence)
 
 
 def _joint_stream(driver: Driver, stream: Stream, cost: Sequence[float] | np.ndarray) -> Iterator[Finding]:

@@ -60,6 +60,20 @@ def test_it_holds_the_asked_force_on_a_resting_arm_anywhere(nao: World) -> None:
     assert done >= 8
 
 
+def test_what_presses_skin_is_felt_by_it_where_hulls_stick_out() -> None:
+    """The convex hulls of iCub's covers are above two thirds of its taxels."""
+    world, random, done = World("icub", people=1), np.random.default_rng(6), 0
+    hand = world.person().left
+    for _ in range(12):
+        if touch_anywhere(world, hand, random, [0.0, 0.5], [3.0, 3.0], str(random.choice(["index", "palm"]))):
+            world.advance(0.6)
+            assert sum(world.contact_truth(name).force for name in world.surfaces) == pytest.approx(
+                3.0, rel=0.1
+            )
+            done += 1
+    assert done >= 6
+
+
 def test_the_peaks_of_blows_are_those_asked_for(nao: World) -> None:
     random, hand, done = np.random.default_rng(8), nao.person().right, 0
     for _ in range(14):

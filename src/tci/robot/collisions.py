@@ -25,6 +25,9 @@ from tci.support.engine import mujoco
 LEFT, RIGHT, SKIN, GROUND, PERSON = 1, 2, 4, 8, 16
 """Bits of MuJoCo's `contype` and `conaffinity`, which select the geoms that collide with each other: those of
 the arms, the simulated finger with skin, the ground with soles, people and things with all of the robot."""
+HANDS = [PERSON << number for number in range(1, 9)]
+"""Bits of single hands: a hand that touches skin passes through the bare hulls of this link."""
+ALL_PEOPLE = PERSON | sum(HANDS)
 
 HIDDEN = 3
 """Number of the geom group that is left out of pictures."""

@@ -19,7 +19,8 @@ from tci.robot.neutral import neutral
 from tci.simulation import hand_control as at
 from tci.simulation.hand_path import PADS, Ballistics, HandPath, plan_of, turns_of
 from tci.simulation.physics import Physics, exclusive
-from tci.simulation.touch import FINGER_PRIORITY, FRICTION, stiff
+from tci.simulation.touch import FINGER_PRIORITY, FRICTION, skin_geom, stiff
+from tci.skin.surfaces import Surface
 from tci.support.engine import mujoco
 
 PERSON_PRIORITY = FINGER_PRIORITY + 3
@@ -30,6 +31,7 @@ a light pad lies so near the surface that single steps of a lasting contact are 
 MARGIN = 5e-4
 """Distance [m] at which a contact begins. Assumed: a firm touch is less deep, and outside of a body distances
 are exact."""
+SKIN_GEOM = skin_geom("")
 SIDES = "left", "right"
 PAD_MASS = 0.015
 """Mass [kg] of a pad. Assumed: light, so that the blow is that of the hand behind it."""
@@ -39,6 +41,8 @@ _PALM, _TIP = (0.014, 0.025), (0.007, 0.012)
 """Radius and half length [m] of the palm's capsule, which lies across the fingers, and of a finger's, whose
 tip points at the skin. Assumed: an adult's."""
 _COLOUR = (0.85, 0.55, 0.45, 1.0)
+_ON_SKIN = 0.02
+"""Distance [m] from a taxel up to which a place counts as on skin. Assumed: above every skin's pitch."""
 _RUN_UPS = 1.0, 0.5, 0.25
 """Run-ups that are tried, as fractions of the usual one: between arm and trunk there is little room."""
 _INSIDE = 5e-4
@@ -73,8 +77,8 @@ class PersonModel:
                 raise CommandError(f"{name} {value} of {self.name}; valid: {low:g} to {high:g}")
 
 
-def add_hand(spec: mujoco.MjSpec, name: str, person: PersonModel, *, step: float) -> None:
-    """Adds a hand, out of reach."""
+def add_hand(spec: mujoco.MjSpec, name: str, person: PersonModel, *, step: float, bit: int) -> None:
+    """Adds a hand with its own collision `bit` (`collisions.HANDS`), out of reach."""
     plain = neutral(spec)
     axes, slide = np.eye(3), mujoco.mjtJoint.mjJNT_SLIDE
     hand = spec.worldbody.add_body(
@@ -99,7 +103,7 @@ def add_hand(spec: mujoco.MjSpec, name: str, person: PersonModel, *, step: float
         ends = [[0.0, end, -radius] if pad == "palm" else [0.0, 0.0, end - radius] for end in across]
         body.add_geom(
             plain, name=f"{name}_{pad}", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[radius, 0.0, 0.0],
-            fromto=np.ravel(ends), mass=PAD_MASS, rgba=_COLOUR, group=2, **contact_of(step),
+            fromto=np.ravel(ends), mass=PAD_MASS, rgba=_COLOUR, group=2, **contact_of(step, bit),
         )  # fmt: skip
     fields = (mujoco.mjtConDataField.mjCONDATA_FOUND, mujoco.mjtConDataField.mjCONDATA_FORCE,
               mujoco.mjtConDataField.mjCONDATA_POS)  # fmt: skip
@@ -109,10 +113,10 @@ def add_hand(spec: mujoco.MjSpec, name: str, person: PersonModel, *, step: float
     )  # fmt: skip
 
 
-def contact_of(step: float) -> dict[str, object]:
+def contact_of(step: float, bit: int = PERSON) -> dict[str, object]:
     """Settings of the contacts of people and things with a robot."""
     return {
-        "contype": PERSON, "conaffinity": 0, "condim": 3, "friction": [FRICTION, 0.005, 1e-4],
+        "contype": bit, "conaffinity": 0, "condim": 3, "friction": [FRICTION, 0.005, 1e-4],
         "priority": PERSON_PRIORITY, "solref": stiff(step), "solimp": SOFT,
         "margin": MARGIN, "gap": 0.0,
     }  # fmt: skip
@@ -166,7 +170,9 @@ class Hands:
 class Hand:
     """One hand of a person."""
 
-    def __init__(self, hands: Hands, number: int, person: PersonModel) -> None:
+    def __init__(
+        self, hands: Hands, number: int, person: PersonModel, surfaces: Mapping[str, Surface]
+    ) -> None:
         self._hands, self._number, self._physics = hands, number, hands.physics
         self._whole, self._state = hands.whole[number], hands.state[number]
         self.name, self.person = hands.names[number], person
@@ -174,6 +180,12 @@ class Hand:
         self._geoms = [model.geom(f"{self.name}_{pad}").id for pad in PADS]
         self._scratch = mujoco.MjData(model)
         self._solid = np.flatnonzero(model.geom_conaffinity & PERSON).tolist()
+        names = {geom: str(model.geom(geom).name) for geom in self._solid}
+        self._hard = [geom for geom in self._solid if not names[geom].startswith(SKIN_GEOM)]
+        self._skins = [
+            (geom, surfaces[name.removeprefix(SKIN_GEOM)].positions)
+            for geom, name in names.items() if name.startswith(SKIN_GEOM)
+        ]  # fmt: skip
         damping = 2.0 * PAD_DAMPING * float(np.sqrt(person.pad * PAD_MASS))
         self._ballistics = Ballistics(person.mass, person.pad, damping, FRICTION)
         self.waiting: list[tuple[float, HandPath]] = []
@@ -274,6 +286,7 @@ class Hand:
         physics, model, whole = self._physics, self._physics.model, self._whole
         physics.refresh()
         link = model.body(path.link).id
+        self._open(path, link)
         turns = turns_of(path, _long_axis(model, link))
         heights = self._heights(path, turns, link)
         for run_up in _RUN_UPS:
@@ -294,6 +307,22 @@ class Hand:
         physics.qpos[joint + 3 : joint + 9] = physics.qvel[dof + 3 : dof + 9] = 0.0
         self._state[at.LAST : at.LAST + 3] = physics.ctrl[whole[at.CTRL] :][:3] = target
         physics.touch()
+
+    def _open(self, path: HandPath, link: int) -> None:
+        """A path on skin leads through the bare hulls of its link. They are rough, and stick out of the skin
+        of some robots by up to two centimetres, where the robot itself has none."""
+        model, bit = self._physics.model, int(self._physics.model.geom_contype[self._geoms[0]])
+        model.geom_conaffinity[self._hard] |= bit
+        own = [geom for geom in self._hard if model.geom_bodyid[geom] == link]
+        skins = [mesh for geom, mesh in self._skins if model.geom_bodyid[geom] == link]
+        points = np.array(path.points).reshape(-1, 3)
+        points = points[:: max(1, len(points) // 20)]
+        if skins:
+            taxels = np.concatenate(skins)
+            apart = np.linalg.norm(points[:, None] - taxels[None], axis=2).min(axis=1)
+            if (apart < _ON_SKIN).all():
+                model.geom_conaffinity[own] &= ~bit
+        self._solid = np.flatnonzero(model.geom_conaffinity & bit).tolist()
 
     def _watch(self, link: int) -> None:
         """The person has watched the link before: it moved as it does now."""

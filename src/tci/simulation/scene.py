@@ -11,7 +11,7 @@ import numpy as np
 
 from tci.errors import CommandError
 from tci.messages.frames import Array, apply, invert, transform
-from tci.robot.collisions import GROUND, PERSON, bits_of, exclude_overlaps, solid_spec
+from tci.robot.collisions import ALL_PEOPLE, GROUND, HANDS, bits_of, exclude_overlaps, solid_spec
 from tci.robot.description import SOLE, Robot
 from tci.robot.kinematics import KinematicChain
 from tci.robot.neutral import neutral, plain_options
@@ -82,9 +82,9 @@ def build_scene(
     if hands or obstacles:
         for geom in spec.geoms:
             if geom.contype or geom.conaffinity or not shown:
-                geom.conaffinity |= PERSON
-        for name, person in (hands or {}).items():
-            add_hand(spec, name, person, step=step)
+                geom.conaffinity |= ALL_PEOPLE
+        for (name, person), bit in zip((hands or {}).items(), HANDS, strict=False):
+            add_hand(spec, name, person, step=step, bit=bit)
         for obstacle in obstacles:
             add_obstacle(spec, obstacle, step=step)
     if stands:

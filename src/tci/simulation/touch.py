@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.messages.frames import Array, apply, invert
-from tci.robot.collisions import GROUND, PERSON, SKIN
+from tci.robot.collisions import ALL_PEOPLE, GROUND, SKIN
 from tci.robot.neutral import neutral
 from tci.simulation.physics import Physics
 from tci.simulation.sampling import SLOTS
@@ -111,7 +111,7 @@ def add_skin(
         meshname=name,
         mass=0.0,
         contype=own[0] if own else 0,
-        conaffinity=SKIN | PERSON | (GROUND if floor else 0) | (own[1] if own else 0),
+        conaffinity=SKIN | ALL_PEOPLE | (GROUND if floor else 0) | (own[1] if own else 0),
         condim=3 if own else axes,
         friction=[FRICTION, 0.005, 1e-4] if own else [1.0, 0.005, 1e-4],
         priority=FINGER_PRIORITY + 1 if axes == 3 else 0,

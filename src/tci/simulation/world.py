@@ -136,7 +136,7 @@ class World:
         self.finger = Finger(self._physics, self._skin, self._taxels.unfelt)
         """Finger that pokes the skin."""
         self._hands = Hands(self._physics, hands)
-        self._hand_list = [Hand(self._hands, k, one) for k, one in enumerate(hands.values())]
+        self._hand_list = [Hand(self._hands, k, one, self.surfaces) for k, one in enumerate(hands.values())]
         left = iter(self._hand_list)
         self._people = {one.name: Person(one, {side: next(left) for side in one.hands}) for one in models}
         self._obstacles = {one.name: PlacedObstacle(self._physics, self._skin, one) for one in obstacles}

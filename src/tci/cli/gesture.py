@@ -11,6 +11,7 @@ from tci.cli.options import Arm, AsJson, Duration, NewGesture, RobotName, Via
 from tci.errors import CommandError
 
 if TYPE_CHECKING:
+    from tci.gestures.bvh import Imported
     from tci.gestures.gesture import Fitted, Gesture
     from tci.lab.experiments.follow import Following
     from tci.messages.frames import Array
@@ -101,13 +102,16 @@ def convert(
     from tci.gestures.files import write_csv
 
     _writable(target)
-    gesture, names = load(source)
-    write_csv(gesture, target, names)
+    imported = load(source)
+    gesture = imported.gesture
+    write_csv(gesture, target, imported.names)
     if as_json:
-        print_json({"file": str(target), "duration_s": gesture.duration, "parts": list(gesture.postures)})
+        print_json({"file": str(target), "duration_s": gesture.duration, "parts": list(gesture.postures),
+                    "used": list(imported.used), "left_out": list(imported.left_out)})  # fmt: skip
         return
     words = f"{target}: {', '.join(gesture.postures)}, {gesture.duration:.1f} s"
     console.print(words, highlight=False, markup=False)
+    _tell(imported)
 
 
 @app.command()
@@ -147,17 +151,20 @@ def play(
     from tci.robot.catalogue import load_robot
 
     words = load_robot(robot)
-    gesture, _ = load(file)
+    imported = load(file)
+    gesture = imported.gesture
     fitted = fit(words, gesture, exact=not plain)
     if not as_json:
         _announce(words, gesture, fitted)
+        _tell(imported)
     driver = connect(words, via, arm=arm or via.partition(":")[0] in HARMLESS)
     with driver:
         following = follow(driver, PlayGesture(fitted), reflexes=[WithdrawalReflex()] if reflex else [])
     done = following.phase is Phase.DONE
     if as_json:
         print_json({"done": done, **following.to_json(), "slower": fitted.slower,
-                    "missed_rad": dict(fitted.missed), "left_out": list(fitted.left_out)})  # fmt: skip
+                    "missed_rad": dict(fitted.missed), "used": list(imported.used),
+                    "left_out": [*imported.left_out, *fitted.left_out]})  # fmt: skip
     else:
         console.print(_table(fitted, following))
         if following.stopped:
@@ -181,23 +188,29 @@ def _writable(path: Path) -> None:
         raise CommandError(f"{path} exists and is not replaced; valid: a new file name")
 
 
-def load(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
-    """Reads a gesture (.csv) or a file of motion capture (.bvh). Returns the gesture, and the names of the
-    joints of each of its parts.
+def load(path: Path) -> Imported:
+    """Reads a gesture (.csv) or a file of motion capture (.bvh).
 
     Raises CommandError if the file has another ending, and DescriptionError if the file can't be read.
     """
-    from tci.gestures.bvh import read_bvh
+    from tci.gestures.bvh import Imported, read_bvh
     from tci.gestures.files import read_csv
-    from tci.robot.generic_arm import JOINTS
 
     kind = path.suffix.lower()
     if kind == ".csv":
-        return read_csv(path)
+        gesture, names = read_csv(path)
+        return Imported(gesture, names, (f"all {sum(map(len, names.values()))} columns of angles",), ())
     if kind == ".bvh":
-        gesture = read_bvh(path)
-        return gesture, {part: list(JOINTS) for part in gesture.postures}
+        return read_bvh(path)
     raise CommandError(f"{path} is no gesture; valid: a .csv or a .bvh file")
+
+
+def _tell(imported: Imported) -> None:
+    from tci.cli.console import console
+
+    for title, what in (("used", imported.used), ("left out", imported.left_out)):
+        for words in what:
+            console.print(f"  {title}: {words}", highlight=False, markup=False)
 
 
 def _announce(robot: Robot, gesture: Gesture, fitted: Fitted) -> None:

@@ -2,13 +2,15 @@
 
 The reader finds the arms in a skeleton by the usual names of arm joints. Angles of shoulder, elbow and
 pronation are computed from positions and directions in space, so these angles are independent of the file's
-convention for rotations. Assumed: the thumbs point forward in the file's rest pose, because this is natural
-for arms that hang or are stretched out sideways.
+convention for rotations.
+
+Which way the chest and the thumbs point is read in a rest pose: the zero pose of the skeleton if this is a
+person whose arms hang or point sideways, else the frame that comes nearest to such a person. Assumed: the
+thumbs point forward there, because this is natural for such arms.
 """
 
 from __future__ import annotations
 
-import io
 import re
 from dataclasses import dataclass
 from itertools import pairwise
@@ -19,10 +21,10 @@ from scipy.spatial.transform import Rotation
 
 from tci.errors import TciError
 from tci.gestures.gesture import Gesture
-from tci.gestures.rows import LARGEST, read_rows
+from tci.gestures.rows import Lines, read_lines, read_rows
 from tci.messages.frames import Array, angle_between, read_only
-from tci.robot.generic_arm import Side, shoulder_angles, side_sign
-from tci.robot.xml.document import read_bytes, refuse, shown
+from tci.robot.generic_arm import JOINTS, Side, shoulder_angles, side_sign
+from tci.robot.xml.document import refuse, shown
 from tci.robot.xml.values import InvalidValueError, decimal
 
 BONES = 250
@@ -40,14 +42,32 @@ NONE = 1e-6
 FASTEST = 25.0
 """Angular speed [rad/s] of a limb between two frames, above which the change is not a real motion. Assumed:
 of all human limbs, only a pitcher's forearm reaches this speed."""
+LOOKED_AT = 2000
+"""Largest number of frames, evenly spread over the file, in which a rest pose is looked for. Assumed: this
+number bounds the time to about a second."""
+SIDES: tuple[Side, ...] = ("left", "right")
 ROLES = {
-    "upper_arm": r"(upper_?arm|up_?arm|arm|shldr|shoulder)",
-    "forearm": r"(fore_?arm|low_?arm|lower_?arm|elbow)",
-    "hand": r"(hand|wrist)",
+    "upper_arm": r"upper_?arm|up_?arm|arm_?upper|arm|shldr|shoulder",
+    "forearm": r"fore_?arm|low_?arm|lower_?arm|arm_?lower|elbow",
+    "hand": r"hand|wrist",
 }
-"""Patterns for the names of an arm's joints. In the file, each name begins with the side (left or right). The
-patterns do not contain the side."""
+"""Patterns for the names of an arm's joints, without the side. In the file, the side (left or right, l or r)
+is before or after each name."""
 CHANNELS = tuple(f"{axis}{what}" for what in ("position", "rotation") for axis in "XYZ")
+FORM = "ROOT, JOINT, End Site, OFFSET, CHANNELS, { }"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Imported:
+    """A gesture from a file of another program, and what became of the content of this file."""
+
+    gesture: Gesture
+    names: dict[str, list[str]]
+    """Names of the joints of each part of the gesture."""
+    used: tuple[str, ...]
+    """What was used, in words for a user."""
+    left_out: tuple[str, ...]
+    """What the file contains and the gesture does not, in words for a user."""
 
 
 @dataclass(slots=True)
@@ -60,38 +80,54 @@ class Bone:
     channels: tuple[str, ...] = ()
     first: int = 0
 
+    @property
+    def moved(self) -> list[int]:
+        """Columns of its position channels in a frame."""
+        return [self.first + k for k, channel in enumerate(self.channels) if channel.endswith("position")]
 
-def read_bvh(path: Path) -> Gesture:
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rest:
+    """A pose in which the person stands with arms that hang or point sideways."""
+
+    rotations: Array
+    """Rotations (bones, 3, 3) of the bones in the file's world frame."""
+    R_WT: Array
+    """Rotation (3, 3) of the torso in the file's world frame."""
+    told: str
+
+
+def read_bvh(path: Path) -> Imported:
     """Reads a gesture of both arms from a BVH file. The angles are relative to the link that carries both
     arms.
 
     Raises DescriptionError with the line of the error and the valid content.
     """
     source = str(path)
-    text = read_bytes(path, limit=LARGEST).decode("utf-8", errors="replace")
-    bones, period, frames = _parse(source, list(io.StringIO(text, newline=None)))
+    bones, period, frames = _parse(source, read_lines(path))
     try:
         return _gesture(bones, period, frames)
     except TciError as error:
         raise refuse(source, 0, str(error)) from error
 
 
-def _parse(source: str, lines: list[str]) -> tuple[list[Bone], float, Array]:
-    """Returns the content of a BVH file, given as `lines`: its bones, the time [s] between frames, and the
-    values of all channels (frames, channels)."""
+def _parse(source: str, lines: Lines) -> tuple[list[Bone], float, Array]:
+    """Returns the content of a BVH file: its bones, the time [s] between frames, and the values of all
+    channels (frames, channels)."""
     bones: list[Bone] = []
     stack: list[int] = []
-    current, channels, start = -1, 0, -1
+    current, channels = -1, 0
     end_site = False
     taken: set[str] = set()
-    for number, line in enumerate(lines, start=1):
-        words = line.split()
-        if not words or words[0] in ("HIERARCHY",):
+    start = next(
+        (at for at, (_, line) in enumerate(lines) if line.split()[0].upper() == "MOTION"), len(lines)
+    )
+    pieces = ((number, piece.split()) for number, line in lines[:start] for piece in re.split("([{}])", line))
+    for number, words in pieces:
+        kind = words[0].upper() if words else "HIERARCHY"
+        if kind == "HIERARCHY":
             continue
-        if words[0] == "MOTION":
-            start = number
-            break
-        if words[0] in ("ROOT", "JOINT") and len(words) >= 2:
+        if kind in ("ROOT", "JOINT") and len(words) >= 2:
             name = " ".join(words[1:])
             if len(bones) == BONES or name in taken:
                 reason = f"second joint {shown(name)}" if name in taken else "too large"
@@ -99,18 +135,18 @@ def _parse(source: str, lines: list[str]) -> tuple[list[Bone], float, Array]:
             taken.add(name)
             bones.append(Bone(name, stack[-1] if stack else -1, np.zeros(3)))
             current = len(bones) - 1
-        elif words[:2] == ["End", "Site"]:
+        elif kind == "END":
             end_site = True
-        elif words[0] == "{":
+        elif kind == "{":
             stack.append(current)
-        elif words[0] == "}" and stack:
+        elif kind == "}" and stack:
             stack.pop()
             end_site = False
-        elif words[0] == "OFFSET" and len(words) == 4:
+        elif kind == "OFFSET" and len(words) == 4:
             if not end_site and bones:
                 bones[current].offset = np.array([_number(source, word, number) for word in words[1:]])
-        elif words[0] == "CHANNELS" and bones:
-            names = tuple(words[2:])
+        elif kind == "CHANNELS" and bones:
+            names = tuple(word.capitalize() for word in words[2:])
             if words[1:2] != [str(len(names))] or len({*names} & {*CHANNELS}) != len(names):
                 found = shown(" ".join(words[1:]))
                 valid = f"{', '.join(CHANNELS)}, each once, after their number"
@@ -118,23 +154,30 @@ def _parse(source: str, lines: list[str]) -> tuple[list[Bone], float, Array]:
             bones[current].channels, bones[current].first = names, channels
             channels += len(names)
         else:
-            raise refuse(
-                source, number, f"{words[0][:20]!r}; valid: ROOT, JOINT, End Site, OFFSET, CHANNELS, {{ }}"
-            )
-    if start < 0 or not channels:
+            raise refuse(source, number, f"{words[0][:20]!r}; valid: {FORM}")
+    if start == len(lines) or not channels:
         raise refuse(source, 0, "no HIERARCHY with CHANNELS and a MOTION after it; valid: a BVH file")
-    head = [line.split() for line in lines[start : start + 2]]
-    if [words[:-1] for words in head] != [["Frames:"], ["Frame", "Time:"]]:
-        raise refuse(source, start + 1, "valid after MOTION: 'Frames: N' and 'Frame Time: SECONDS'")
-    declared, period = _number(source, head[0][-1], start + 1), _number(source, head[1][-1], start + 2)
-    rows = read_rows(source, lines, start + 2, channels, mark=None)
+    declared, period = (
+        _after(source, lines, start + number, key) for number, key in ((1, "Frames"), (2, "Frame Time"))
+    )
+    rows = read_rows(source, lines[start + 3 :], channels, mark=None)
+    line = lines[start + 1][0]
     if not 0.0 < declared <= len(rows):
         raise refuse(
-            source, start + 1, f"{declared:g} frames, of which {len(rows)} are there; valid: a whole file"
+            source, line, f"{declared:g} frames, of which {len(rows)} are there; valid: a whole file"
         )
     if len(rows) < 2 or not 0.0 < period < 10.0:
-        raise refuse(source, start + 1, f"{len(rows)} frames of {period} s; valid: 2 or more, each above 0 s")
+        raise refuse(source, line, f"{len(rows)} frames of {period} s; valid: 2 or more, each above 0 s")
     return bones, period, rows
+
+
+def _after(source: str, lines: Lines, at: int, key: str) -> float:
+    """Returns the number after `key:` in the line of the index `at`."""
+    line, text = lines[at] if at < len(lines) else (lines[-1][0], "")
+    found, mark, word = text.partition(":")
+    if not mark or found.lower().split() != key.lower().split() or len(word.split()) != 1:
+        raise refuse(source, line, "valid after MOTION: 'Frames: N' and 'Frame Time: SECONDS'")
+    return _number(source, word.split()[0], line)
 
 
 def _number(source: str, word: str, line: int) -> float:
@@ -144,31 +187,159 @@ def _number(source: str, word: str, line: int) -> float:
         raise refuse(source, line, f"{word[:20]!r}; valid: {error}") from None
 
 
-def _gesture(bones: list[Bone], period: float, frames: Array) -> Gesture:
-    sides: tuple[Side, ...] = ("left", "right")
-    arms = {side: [_find(bones, side, role) for role in ROLES] for side in sides}
+def _gesture(bones: list[Bone], period: float, frames: Array) -> Imported:
+    arms = {side: [_find(bones, side, role) for role in ROLES] for side in SIDES}
     lines = [_line(bones, arm[0]) for arm in arms.values()]
     chest = next((bone for bone in lines[0] if bone in lines[1]), None)
     if chest is None:
         raise TciError("the arms hang on nothing in common; valid: one skeleton with one ROOT")
-    rest_rotations, rest = _pose(bones, np.zeros((1, frames.shape[1])))
-    R_RT = _torso(rest[0], arms["left"][0], arms["right"][0])
-    postures: dict[str, list[Array]] = {f"{side}_arm": [] for side in sides}
-    bends = {side: np.zeros(3) for side in sides}  # the axis of an earlier frame does not exist
+    places_told = _use_positions(bones, frames)
+    rest = _rest(bones, arms, chest, frames)
+    # The torso in the frame of the chest.
+    R_CT = rest.rotations[chest].T @ rest.R_WT
+    postures: dict[str, list[Array]] = {f"{side}_arm": [] for side in SIDES}
+    bends = {side: np.zeros(3) for side in SIDES}  # the axis of an earlier frame does not exist
     begin = int(_begins_with_rest(bones, arms, chest, period, frames))
     for block in range(begin, len(frames), BLOCK):
         rotations, places = _pose(bones, frames[block : block + BLOCK])
-        R_WT = rotations[:, chest] @ R_RT
+        R_WT = rotations[:, chest] @ R_CT
         for side, arm in arms.items():
             points = places[:, arm] @ R_WT
-            hand = rotations[:, arm[2]] @ rest_rotations[0, arm[2]].T @ R_RT[:, 0]
+            hand = rotations[:, arm[2]] @ rest.rotations[arm[2]].T @ rest.R_WT[:, 0]
             thumb = np.einsum("kji,kj->ki", R_WT, hand)
             angles, bends[side] = _postures(points, thumb, side, bends[side])
             postures[f"{side}_arm"].append(angles)
     # Angles are continuous from frame to frame, without jumps by a full turn.
     angles_of = {part: np.unwrap(np.concatenate(rows), axis=0) for part, rows in postures.items()}
     times = period * np.arange(len(frames) - begin)
-    return Gesture(read_only(times), {part: read_only(rows) for part, rows in angles_of.items()})
+    carried = {bone for arm in arms.values() for end in (arm[2], *arm) for bone in (end, *_line(bones, end))}
+    kept = sorted(carried - {chest, *_line(bones, chest)})
+    others = [bone for bone in range(len(bones)) if bone not in kept]
+    used = [f"{len(kept)} joints: {_listed(bones, kept)}, as {bones[chest].name!r} sees them", rest.told]
+    left_out = ["bending of the wrists"]
+    left_out.append(f"motion of {len(others)} other joints: {_listed(bones, others)}")
+    if begin:
+        left_out.append("frame 1, a rest pose from which no person gets to frame 2 in time")
+    return Imported(
+        Gesture(read_only(times), {part: read_only(rows) for part, rows in angles_of.items()}),
+        {part: list(JOINTS) for part in angles_of},
+        (*used, *places_told),
+        tuple(left_out),
+    )
+
+
+def _listed(bones: list[Bone], which: list[int]) -> str:
+    return ", ".join(shown(bones[bone].name) for bone in which)
+
+
+def _use_positions(bones: list[Bone], frames: Array) -> list[str]:
+    """Prepares the offsets of all joints but the root for adding the values of their position channels, and
+    tells how these channels are used.
+
+    In most programs, the values replace the OFFSET; in some, they are added to it. They are added if this
+    leaves the bones nearer to the lengths in the hierarchy.
+    """
+    moved = [bone for bone in bones if bone.parent >= 0 and bone.moved]
+    if not moved:
+        return []
+    sizes = [float(np.linalg.norm(np.median(frames[:, bone.moved], axis=0))) for bone in moved]
+    if sum(sizes) < 0.5 * sum(float(np.linalg.norm(bone.offset)) for bone in moved):
+        return [f"position channels of {len(moved)} joints, added to OFFSET since they are small"]
+    for bone in moved:
+        for column in bone.moved:
+            bone.offset["XYZ".index(bone.channels[column - bone.first][0])] = 0.0
+    return [f"position channels of {len(moved)} joints, in place of OFFSET"]
+
+
+def _rest(bones: list[Bone], arms: dict[Side, list[int]], chest: int, frames: Array) -> Rest:
+    """In a frame, the person may lean, so there the torso is along the line from the hips to the shoulders.
+
+    Raises TciError if neither the zero pose nor a frame is a rest pose.
+    """
+    zero = np.zeros((1, frames.shape[1]))
+    for bone in bones[1:]:
+        zero[0, bone.moved] = np.median(frames[:, bone.moved], axis=0)
+    body = _body(bones, frames)
+    below = [bone for bone in range(len(bones)) if body in (bone, *_line(bones, bone))]
+    rotations, places = _pose(bones, zero)
+    R_WT, off, reason = _standing(places[0], arms, body, below)
+    reason = f"the zero pose of the skeleton is no person with arms that hang or point sideways ({reason})"
+    if off <= 1.0:
+        return Rest(rotations[0], R_WT, "the zero pose of the skeleton as the rest pose")
+    which = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), LOOKED_AT)).astype(int))
+    rotations, places = _pose(bones, frames[which])
+    found = [_standing(place, arms, body, below) for place in places]
+    best = min(range(len(found)), key=lambda index: found[index][1])
+    at = which[best] + 1
+    if found[best][1] > 1.0:
+        raise TciError(
+            f"no rest pose: {reason}, and no frame is better (at best, frame {at}: {found[best][2]}); valid: "
+            "a zero pose or a frame of a person who stands with arms that hang or point sideways, for "
+            "example a T-pose as the first frame"
+        )
+    left, right = (places[best, arms[side][0]] for side in SIDES)
+    trunk = (left + right) / 2.0 - places[best, body]
+    R_WT = _axes(left - right, trunk) if body != chest else found[best][0]
+    return Rest(rotations[best], R_WT, f"frame {at} as the rest pose, since {reason}")
+
+
+def _body(bones: list[Bone], frames: Array) -> int:
+    """Returns the bone from which the skeleton stands up: the root, or what a root that stays behind carries
+    through space."""
+    body = 0
+    while True:
+        children = [index for index, bone in enumerate(bones) if bone.parent == body]
+        if len(children) != 1 or not np.ptp(frames[:, bones[children[0]].moved], axis=0).any():
+            return body
+        body = children[0]
+
+
+def _standing(
+    places: Array, arms: dict[Side, list[int]], body: int, below: list[int]
+) -> tuple[Array, float, str]:
+    """Returns the torso's rotation (3, 3) in the file's world frame, how far the pose with the bones at
+    `places` (bones, 3) is from a person whose arms hang or point sideways, and what is most off, in words. Up
+    to a distance of 1, the pose counts as such a person.
+
+    Assumed: the tolerances, which a person who stands at ease meets, and a walking person at times.
+    """
+    left, right = arms["left"][0], arms["right"][0]
+    middle = (places[left] + places[right]) / 2.0
+    spine, line = middle - places[body], places[left] - places[right]
+    if np.linalg.norm(line) < NONE * max(float(np.ptp(places[below], axis=0).max()), NONE):
+        return np.eye(3), np.inf, "both shoulders are at one place"
+    R_WT, up = _torso(places[below], line, spine)
+    off: list[tuple[float, float, str]] = [
+        (float(np.arcsin(abs(_unit(line) @ up))), 15.0, "one shoulder is {:.0f} degrees above the other"),
+        (angle_between(R_WT[:, 2], spine), 30.0, "the trunk leans by {:.0f} degrees"),
+    ]
+    limbs: dict[tuple[str, str], Array] = {}
+    for side, arm in arms.items():
+        for limb, (a, b), most in (("upper arm", arm[:2], 30.0), ("forearm", arm[1:], 45.0)):
+            direction = places[b] - places[a]
+            if np.linalg.norm(direction) == 0.0:
+                return np.eye(3), np.inf, f"two joints of the {side} arm are at one place"
+            x, y, z = _unit(direction) @ R_WT
+            y *= side_sign(side)
+            limbs[side, limb] = np.array([x, y, z])
+            name = f"the {side} {limb} points {{:.0f}} degrees"
+            off += [
+                (np.arcsin(min(abs(x), 1.0)), most, f"{name} {'forward' if x > 0 else 'backward'}"),
+                (np.arcsin(np.clip(z, 0.0, 1.0)), 20.0, f"{name} above horizontal"),
+                (np.arcsin(np.clip(-y, 0.0, 1.0)), most, f"{name} across the body"),
+            ]
+    for limb in ("upper arm", "forearm"):
+        between = angle_between(limbs["left", limb], limbs["right", limb])
+        off.append((between, 40.0, f"the two {limb}s differ by {{:.0f}} degrees"))
+    worst, angle, words = max(
+        (np.rad2deg(angle) / most, np.rad2deg(angle), words) for angle, most, words in off
+    )
+    return R_WT, float(worst), words.format(angle)
+
+
+def _unit(vector: Array) -> Array:
+    unit: Array = vector / np.linalg.norm(vector)
+    return unit
 
 
 def _begins_with_rest(
@@ -196,21 +367,28 @@ def _find(bones: list[Bone], side: Side, role: str) -> int:
     A bone named `shoulder` counts as the upper arm if the forearm is attached to this bone, else as the
     collar bone.
     """
-    pattern = re.compile(rf"^(.*[:_])?({side}|{side[0]})[_ .-]?{ROLES[role]}$", re.IGNORECASE)
-    found = [index for index, bone in enumerate(bones) if pattern.match(bone.name)]
+    role_of, at, gap = f"(?P<role>{ROLES[role]})", f"({side}|{side[0]})", "[_ .-]?"
+    pattern = re.compile(
+        rf"(.*[:_ .-])?({at}{gap}{role_of}|{role_of.replace('role', 'last')}{gap}{at})", re.I
+    )
+    found = [
+        (index, match["role"] or match["last"])
+        for index, bone in enumerate(bones)
+        if (match := pattern.fullmatch(bone.name))
+    ]
     if role == "upper_arm":
         forearm = _find(bones, side, "forearm")
         found = [
-            index
-            for index in found
-            if not bones[index].name.lower().endswith("shoulder") or bones[forearm].parent == index
+            (index, name)
+            for index, name in found
+            if name.lower() != "shoulder" or bones[forearm].parent == index
         ]
     if not found:
-        names = ", ".join(bone.name for bone in bones[:40])
         raise TciError(
-            f"no {side} {role.replace('_', ' ')} among the joints; valid: LeftArm and the like; got {names}"
+            f"no {side} {role.replace('_', ' ')} among the joints; valid: LeftArm, arm_l and the like; got "
+            f"{_listed(bones, list(range(min(len(bones), 40))))}"
         )
-    return found[0]
+    return found[0][0]
 
 
 def _line(bones: list[Bone], bone: int) -> list[int]:
@@ -232,35 +410,36 @@ def _pose(bones: list[Bone], frames: Array) -> tuple[Array, Array]:
         if turns:
             order = "".join(bone.channels[index][0] for index in turns)
             rotation = Rotation.from_euler(order, values[:, turns], degrees=True).as_matrix()
+        place = np.repeat(bone.offset[None], len(frames), axis=0)
+        for column in bone.moved:
+            axis = "XYZ".index(bone.channels[column - bone.first][0])
+            place[:, axis] += frames[:, column]
         if bone.parent >= 0:
             base = rotations[:, bone.parent]
-            places[:, number] = places[:, bone.parent] + base @ bone.offset
-            rotations[:, number] = base @ rotation
-        else:
-            places[:, number], rotations[:, number] = bone.offset, rotation
-            for index, channel in enumerate(bone.channels):
-                if index not in turns:
-                    places[:, number, "XYZ".index(channel[0])] += values[:, index]
+            place = places[:, bone.parent] + np.einsum("kij,kj->ki", base, place)
+            rotation = base @ rotation
+        places[:, number], rotations[:, number] = place, rotation
     return rotations, places
 
 
-def _torso(rest: Array, left: int, right: int) -> Array:
-    """Returns the rotation (3, 3) of the torso frame in the file's world frame, computed from the positions
-    `rest` of the bones in the rest pose. `left` and `right` are the indices of the two shoulders.
+def _torso(places: Array, line: Array, spine: Array) -> tuple[Array, Array]:
+    """Returns the rotation (3, 3) of the torso frame in the file's world frame, and the up direction (3,) of
+    the file.
 
-    Its left direction points from the right to the left shoulder. Its up direction is near the coordinate
-    axis of the file along which the skeleton is longest.
+    The torso's left direction is along `line` (3,), from the right to the left shoulder. Its up direction is
+    near the coordinate axis of the file along which the skeleton with its bones at `places` (k, 3) is
+    longest, on the side to which `spine` (3,) points, which goes from the hips to the shoulders.
     """
-    y = rest[left] - rest[right]
-    if np.linalg.norm(y) < 1e-6:
-        raise TciError("both shoulders are at one place in the rest pose; valid: a skeleton with its offsets")
-    y = y / np.linalg.norm(y)
-    extent = np.ptp(rest, axis=0) * (np.abs(y) < 0.7)
+    y = _unit(line)
+    extent = np.ptp(places, axis=0) * (np.abs(y) < 0.7)
     up = np.eye(3)[int(np.argmax(extent))]
-    middle = (rest[left] + rest[right]) / 2.0
-    up = up * np.sign(up @ (middle - rest[0]) or 1.0)
-    z = up - y * float(y @ up)
-    z = z / np.linalg.norm(z)
+    up = up * np.sign(up @ spine or 1.0)
+    return _axes(y, up), up
+
+
+def _axes(left: Array, up: Array) -> Array:
+    y = _unit(left)
+    z = _unit(up - y * float(y @ up))
     return np.column_stack([np.cross(y, z), y, z])
 
 

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import csv
-import io
 from pathlib import Path
 
 import numpy as np
 
 from tci.errors import TciError
 from tci.gestures.gesture import Gesture
-from tci.gestures.rows import COLUMNS, LARGEST, read_rows
+from tci.gestures.rows import COLUMNS, read_lines, read_rows
 from tci.messages.frames import read_only
-from tci.robot.xml.document import read_bytes, refuse, shown
+from tci.robot.xml.document import refuse, shown
 
 TIME = "time_s"
 UNIT = "_deg"
@@ -41,17 +40,13 @@ def read_csv(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
     what is valid there.
     """
     source = str(path)
+    lines = read_lines(path)
     try:
-        text = read_bytes(path, limit=LARGEST).decode("utf-8-sig")
-        lines = list(io.StringIO(text, newline=None))
-        first = next((number for number, line in enumerate(lines) if not line.isspace()), 0)
-        head = next(csv.reader(lines[first : first + 1]), [])
-    except UnicodeDecodeError as error:
-        raise refuse(source, 0, f"is not UTF-8: {error.reason}") from error
+        head = next(csv.reader([lines[0][1]] if lines else []), [])
     except csv.Error as error:
         raise refuse(source, 0, f"is no CSV: {error}") from error
-    names = _names(source, head)
-    numbers = read_rows(source, lines, first + 1, len(head), mark=",")
+    names = _names(source, [column.strip(" \t") for column in head])
+    numbers = read_rows(source, lines[1:], len(head), mark=",")
     postures, begin = {}, 1
     for part, joints in names.items():
         end = begin + len(joints)

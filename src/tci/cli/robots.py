@@ -12,7 +12,6 @@ from rich.text import Text
 from tci.cli.console import console, print_json
 from tci.cli.options import AsJson
 from tci.errors import MissingExtraError
-from tci.robot.description.binding import USUAL
 
 if TYPE_CHECKING:
     from tci.robot.description import Robot
@@ -26,6 +25,7 @@ def robots(as_json: AsJson = False) -> None:
     from rich.table import Table
 
     from tci.robot.catalogue import robot_names
+    from tci.robot.description.binding import USUAL
 
     found = {name: _load(name) for name in robot_names()}
     rows = [_row(name, robot) for name, robot in found.items()]

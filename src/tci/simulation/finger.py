@@ -4,6 +4,7 @@ removes it."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,9 +13,9 @@ from tci.errors import CommandError, TciError
 from tci.messages.frames import Array
 from tci.robot.collisions import SKIN
 from tci.robot.neutral import neutral
-from tci.simulation import stepping as at
 from tci.simulation.physics import Physics, exclusive
 from tci.simulation.posed_skin import PosedSkin
+from tci.simulation.stepping import POKE
 from tci.simulation.touch import FINGER_PRIORITY, FINGER_TIP, stiff
 from tci.support.engine import mujoco
 
@@ -116,10 +117,11 @@ class Finger:
         self._qpos = int(model.joint(_TIP).qposadr[0])
         self._dof = int(model.joint(_TIP).dofadr[0])
         self._actuator = model.actuator(_TIP).id
-        physics.whole[at.TIP], physics.whole[at.TIP_SENSOR] = self._actuator, model.sensor(_TIP).adr[0]
-        self.state = np.zeros(11)
-        """State and measurements of the finger. `stepping` defines the indices."""
-        self.state[at.LEADS] = DAMPING / STIFFNESS
+        self.state = np.zeros(1, POKE)
+        """State and measurements of the finger."""
+        self._poke: Any = self.state[0]
+        self._poke["actuator"], self._poke["sensor"] = self._actuator, model.sensor(_TIP).adr[0]
+        self._poke["leads"] = DAMPING / STIFFNESS
         self.traced = np.empty((TRACE, 3))
         """Ring buffer (steps, 3) of the last steps: time [s], contact force [N], and distance [m] that the
         finger's base has moved in this poke."""
@@ -131,37 +133,38 @@ class Finger:
         data = self._physics.data
         data.mocap_pos[self._mocap] = _PARKED
         data.qpos[self._qpos] = data.qvel[self._dof] = data.ctrl[self._actuator] = 0.0
-        self.state[at.ACTIVE] = False
+        self._poke["active"] = 0
         self._clear()
         self._physics.touch()
 
     def _clear(self) -> None:
-        self.state[[at.FORCE, at.PEAK]] = 0.0
-        self.state[[at.FIRST, at.LOST]] = np.nan
-        self._physics.whole[at.TRACED] = 0
+        poke = self._poke
+        poke["force"] = poke["peak"] = 0.0
+        poke["first"] = poke["lost"] = np.nan
+        poke["traced"] = 0
 
     @property
     def force(self) -> float:
         """Contact force [N] on the tip in the latest step."""
-        return float(self.state[at.FORCE])
+        return float(self._poke["force"])
 
     @property
     def first_contact(self) -> float | None:
         """Time [s] of the tip's first contact in this poke. The value is None if there was no contact."""
-        return self._stamp(at.FIRST)
+        return self._stamp("first")
 
     @property
     def contact_lost(self) -> float | None:
         """Time [s] when the tip last lost contact. The value is None while the tip touches the skin."""
-        return self._stamp(at.LOST)
+        return self._stamp("lost")
 
     @property
     def peak_force(self) -> float:
         """Largest contact force [N] of this poke."""
-        return float(self.state[at.PEAK])
+        return float(self._poke["peak"])
 
-    def _stamp(self, place: int) -> float | None:
-        stamp = float(self.state[place])
+    def _stamp(self, name: str) -> float | None:
+        stamp = float(self._poke[name])
         return None if np.isnan(stamp) else stamp
 
     @property
@@ -170,7 +173,7 @@ class Finger:
 
         The z axis of F points into the skin. The value is None if the finger is removed.
         """
-        return self._physics.pose(self._tip) if self.state[at.ACTIVE] else None
+        return self._physics.pose(self._tip) if self._poke["active"] else None
 
     @property
     def touching(self) -> bool:
@@ -181,7 +184,7 @@ class Finger:
     def trace(self) -> Array:
         """Array (steps, 3) with the time [s], the contact force [N], and the distance [m] that the base has
         moved in this poke, for each of the last 60 000 steps."""
-        count = int(self._physics.whole[at.TRACED])
+        count = int(self._poke["traced"])
         if count <= TRACE:
             return self.traced[:count].copy()
         return np.roll(self.traced, -count, axis=0)
@@ -247,9 +250,9 @@ class Finger:
         data.qpos[self._qpos] = 0.0
         data.qvel[self._dof] = speed
         self._clear()
-        self.state[[at.ACTIVE, at.PATH]] = True, 0.0
-        self.state[[at.BEGIN, at.SPEED, at.DEPTH]] = self._physics.time, speed, depth
-        self.state[at.END] = gap + depth
+        one = self._poke
+        one["active"], one["path"], one["end"] = 1, 0.0, gap + depth
+        one["begin"], one["speed"], one["depth"] = self._physics.time, speed, depth
         self._physics.touch()
         self._check_room()
 

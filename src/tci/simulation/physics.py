@@ -56,12 +56,10 @@ class Physics:
         """MuJoCo's arrays. The references are stored, because a look-up in MuJoCo's data takes longer."""
         self.motors = data.actuator_force
         """Torque [N m] of each actuator in the latest step."""
-        self.whole = np.zeros(3, dtype=np.int64)
-        """Integers of the compiled loop. The constants at the top of `stepping` are their indices."""
         weighs = bool(model.ngravcomp) and bool(model.body_gravcomp[1] > 0.0)
         weight = (data.qfrc_gravcomp, data.qfrc_applied) if weighs else (np.zeros(0), np.zeros(0))
         self._moved = self.qpos, self.ctrl, *weight
-        self._kept = data.qacc_warmstart, np.zeros(model.nv), self.whole
+        self._kept = data.qacc_warmstart, np.zeros(model.nv)
         self._engine = model._address, data._address
 
     def __reduce__(self) -> Any:

@@ -63,21 +63,20 @@ class Servos:
         self._ramp_steps = float(max(1, round(period / physics.step)))
         limits = [robot.servos[index].limits for index in self.moving]
         speed = np.array([np.inf if limit.velocity is None else limit.velocity for limit in limits])
-        self.state = np.zeros((7, len(moving)))
-        """Control state (7, k) of the k moving joints: set-points and constants of the control. The module
-        `stepping` names the rows, from SETPOINT to ADVANCE."""
-        self.state[at.RATIO] = [one.multiplier for _, one in driven]
-        self.state[at.SHIFT] = [one.offset for _, one in driven]
-        speed = speed * np.abs(self.state[at.RATIO])
+        self.drives = np.zeros(len(moving), at.DRIVE)
+        """Control (k,) of the moving joints."""
+        self.asked = np.zeros(len(home), at.ASKED)
+        """Commands (n,) to all servos."""
+        drives = self.drives
+        drives["servo"], drives["address"] = self.moving, self.addresses
+        drives["dof"], drives["actuator"] = self._dofs, self._actuators
+        drives["ratio"] = [one.multiplier for _, one in driven]
+        drives["shift"] = [one.offset for _, one in driven]
+        speed = speed * np.abs(drives["ratio"])
         self._top = speed * physics.step
-        self.places = np.zeros((7, len(moving)), dtype=np.int64)
-        """Indices and modes of the moving joints. The module `stepping` lists the rows of this array."""
-        self.asked = np.zeros((2, len(home)))
-        """Commands (2, n) to all servos: target angles [rad], and torques [N m]."""
-        self.state[at.LAG] = speed * 2.0 * TIME_CONSTANT
-        self.places[: at.LOOSE] = self.moving, self.addresses, self._dofs, self._actuators
-        self._targets, self._torques = self.asked
-        self._setpoint, self._stride = self.state[at.SETPOINT], self.state[at.STRIDE]
+        drives["lag"] = speed * 2.0 * TIME_CONSTANT
+        self._targets, self._torques = self.asked["target"], self.asked["torque"]
+        self._setpoint, self._stride = drives["setpoint"], drives["stride"]
         self._kp, self._kv = self._set_up(robot)
 
     def _set_up(self, robot: Robot) -> tuple[Array, Array]:
@@ -95,7 +94,7 @@ class Servos:
         armature = np.maximum(np.maximum(own, inertia - own), _LEAST_ARMATURE)
         given = [robot.servos[index].limits.torque for index in self.moving]
         pushes = STALL * np.array([0.0 if torque is None else torque for torque in given])
-        armature = np.maximum(armature, own - inertia + pushes * TIME_CONSTANT**2 / self.state[at.LAG])
+        armature = np.maximum(armature, own - inertia + pushes * TIME_CONSTANT**2 / self.drives["lag"])
         model.dof_armature[self._dofs] = armature
         total = inertia - own + armature
         # If the joint's own damping is more than critical, the stiffness is increased too. Otherwise the
@@ -117,7 +116,7 @@ class Servos:
         self._targets[:] = self._home
         self._setpoint[:] = self.home
         self._stride[:] = 0.0
-        self.state[at.ADVANCE] = 0.0
+        self.drives["advance"] = 0.0
         self._torques[:] = 0.0
         self.modes = (Mode.POSITION,) * len(self._home)
         """Control mode of each servo (n,)."""
@@ -140,14 +139,14 @@ class Servos:
 
     def _joint_angles(self, angles: Array) -> Array:
         """Returns the angle (k,) [rad] of each moving joint at the servo angles `angles` (n,) [rad]."""
-        result: Array = angles[self.moving] * self.state[at.RATIO] + self.state[at.SHIFT]
+        result: Array = angles[self.moving] * self.drives["ratio"] + self.drives["shift"]
         return result
 
     def set_position_targets(self, servos: ArrayLike, angles: ArrayLike) -> None:
         """Sets targets `angles` (k,) [rad]. Raises CommandError for an invalid servo or angle."""
         if not (_plain(servos, _INDEX) and _plain(angles, _NUMBER) and len(servos) == len(angles)):
             servos, angles = _checked(servos, angles, len(self._home))
-        if at.aim(servos, angles, self._top, self._ramp_steps, self.places, self.asked, self.state):
+        if at.aim(servos, angles, self._top, self._ramp_steps, self.drives, self.asked):
             _checked(servos, angles, len(self._home))  # raises the error
 
     def set_stiffness(self, servos: ArrayLike, share: ArrayLike) -> None:
@@ -215,29 +214,32 @@ class Servos:
         """Stiffness (n,) [N m/rad] of each servo at the stiffness fraction 1. 0 for a servo whose joint the
         simulated model lacks."""
         result = np.zeros(len(self._home))
-        np.add.at(result, self.moving, self.state[at.RATIO] ** 2 * self._kp)
+        np.add.at(result, self.moving, self.drives["ratio"] ** 2 * self._kp)
         return result
 
     def _catch(self, servo: int) -> None:
         """Sets the target of a servo to its current angle, so that a servo that was without torque starts
         with a torque of 0."""
         self._torques[servo] = 0.0
-        here = self.measured()[at.JOINT]
+        here = self.measured()[0]
         self._targets[servo] = here[servo]
         mine = self.moving == servo
         self._setpoint[mine] = self._joint_angles(here)[mine]
 
-    def measured(self) -> Array:
-        """Returns angles [rad], velocities [rad/s] and motor torques [N m] of all servos (3, n).
+    def measured(self) -> tuple[Array, Array, Array]:
+        """Returns angles [rad], velocities [rad/s] and motor torques [N m] of all servos, each (n,).
 
         Torques are the torques of the latest step. For a servo without a joint, the angle is the servo's
         target, and velocity and torque are 0.
         """
         found = np.empty((3, len(self._home)))
+        angles, velocities, torques = found
         physics = self._physics
-        at.measure(physics.qpos, physics.qvel, physics.motors, self.places, self.asked, self.state, found)
+        at.measure(
+            physics.qpos, physics.qvel, physics.motors, self.drives, self.asked, angles, velocities, torques
+        )
         found.setflags(write=False)
-        return found
+        return found[0], found[1], found[2]
 
     def _apply_gains(self) -> None:
         """Writes the present stiffness and damping of all servos to the physics model. Servos that are off or
@@ -257,9 +259,9 @@ class Servos:
         # In impedance mode the damping acts on the velocity error. So the damping does not slow down a
         # commanded motion (Hogan 1985).
         lead = kv / np.where(kp > 0.0, kp, np.inf) / self._physics.step
-        self.state[at.LEAD] = np.where(yielding, lead, 0.0)
-        self.places[at.LOOSE], self.places[at.YIELDING] = loose, yielding
-        self.places[at.LIMP] = ~held | (stiffness <= 0.0)
+        self.drives["lead"] = np.where(yielding, lead, 0.0)
+        self.drives["loose"], self.drives["yielding"] = loose, yielding
+        self.drives["limp"] = ~held | (stiffness <= 0.0)
         model.actuator_gainprm[self._actuators, 0] = np.where(loose & on, 1.0, kp)
         model.actuator_biasprm[self._actuators, 1] = -kp
         model.actuator_biasprm[self._actuators, 2] = -kv

@@ -10,8 +10,10 @@ import ctypes
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from llvmlite import binding
-from numba import float64, int64, types
+from numba import float64, from_dtype, int64, types
+from numpy.typing import NDArray
 
 from tci.messages.frames import Array
 from tci.simulation.hand_control import HANDS, guide, note
@@ -19,52 +21,59 @@ from tci.simulation.sampling import DUE, SKIN, SLOTS, Arrays, sample
 from tci.support.compiled import compiled, inlined, reads, returns, views, writes
 from tci.support.engine import mujoco
 
-SETPOINT, STRIDE, LAG, LEAD, RATIO, SHIFT, ADVANCE = range(7)
-"""Rows of an array (7, k) with the state of the k joints that servos move:
+_F, _I = np.float64, np.int64
+DRIVE = np.dtype([
+    ("setpoint", _F), ("stride", _F), ("lag", _F), ("lead", _F), ("ratio", _F), ("shift", _F),
+    ("advance", _F),
+    ("servo", _I), ("address", _I), ("dof", _I), ("actuator", _I), ("loose", _I), ("yielding", _I),
+    ("limp", _I),
+])  # fmt: skip
+"""Control of one joint that a servo moves:
 
-- `SETPOINT`, `STRIDE`: set-point [rad], and its largest change per step.
-- `LAG`: value [rad] at which the servo clips its position error (not in impedance mode), which limits its
+- `setpoint`, `stride`: set-point [rad], and its largest change per step.
+- `lag`: value [rad] at which the servo clips its position error (not in impedance mode), which limits its
   speed.
-- `LEAD`: in impedance mode damping / (stiffness x step), with which the damping acts on the velocity error;
+- `lead`: in impedance mode damping / (stiffness x step), with which the damping acts on the velocity error;
   otherwise 0.
-- `RATIO`, `SHIFT`: angle of the joint per angle of its servo, and angle [rad] of the joint at its servo's
+- `ratio`, `shift`: angle of the joint per angle of its servo, and angle [rad] of the joint at its servo's
   zero.
-- `ADVANCE`: change [rad] of the set-point in the latest step."""
-SERVO, ADDRESS, DOF, ACTUATOR, LOOSE, YIELDING, LIMP = range(7)
-"""Rows of an array of integers (7, k) for the k joints that servos move. The first four rows are indices: of
-the joint's servo, and of the joint in MuJoCo's `qpos`, `qvel` and `ctrl`. The last three rows are flags: 1 if
-the servo is in torque mode, 1 if it is in impedance mode, and 1 if it holds no weight."""
-TARGET, TORQUE = range(2)
-"""Rows of the commands to all servos (2, n): target angles [rad], and torques [N m]."""
-ACTIVE, BEGIN, SPEED, DEPTH, LEADS, PATH, END, FORCE, FIRST, LOST, PEAK = range(11)
-"""Indices of the values in the state (11,) of the simulated finger that pokes the skin:
+- `advance`: change [rad] of the set-point in the latest step.
+- `servo`, `address`, `dof`, `actuator`: indices of its servo, and of the joint in MuJoCo's `qpos`, `qvel` and
+  `ctrl`.
+- `loose`, `yielding`, `limp`: 1 if the servo is in torque mode, 1 if it is in impedance mode, and 1 if it
+  holds no weight."""
+ASKED = np.dtype([("target", _F), ("torque", _F)])
+"""Command to one servo: target angle [rad], and torque [N m]."""
+POKE = np.dtype([
+    ("active", _I), ("actuator", _I), ("sensor", _I), ("traced", _I),
+    ("begin", _F), ("speed", _F), ("depth", _F), ("leads", _F), ("path", _F), ("end", _F),
+    ("force", _F), ("peak", _F), ("first", _F), ("lost", _F),
+])  # fmt: skip
+"""State of the simulated finger that pokes the skin:
 
-- `ACTIVE`: 1 if the finger is present.
-- `BEGIN`, `SPEED`, `DEPTH`: start time [s], speed [m/s] and depth [m] of the poke.
-- `LEADS`: damping of the finger's spring divided by its stiffness [s].
-- `PATH`, `END`: distance [m] that the finger's base has moved so far, and distance at which the base stops.
-- `FORCE`, `PEAK`: contact force [N] in the latest step, and largest contact force [N] of the poke.
-- `FIRST`, `LOST`: times [s] of the first contact and of the latest loss of contact; NaN if there was none,
-  and `LOST` also during a contact."""
-TIP, TIP_SENSOR, TRACED = range(3)
-"""Indices of the values in the array of integers `Physics.whole`: index of the finger's actuator, index of
-the first value of the finger's sensor, and number of steps in the finger's record."""
+- `active`: 1 if the finger is present.
+- `actuator`, `sensor`: indices of its actuator, and of the first value of its sensor.
+- `traced`: number of steps in the finger's record.
+- `begin`, `speed`, `depth`: start time [s], speed [m/s] and depth [m] of the poke.
+- `leads`: damping of the finger's spring divided by its stiffness [s].
+- `path`, `end`: distance [m] that the finger's base has moved so far, and distance at which the base stops.
+- `force`, `peak`: contact force [N] in the latest step, and largest contact force [N] of the poke.
+- `first`, `lost`: times [s] of the first contact and of the latest loss of contact; NaN if there was none,
+  and `lost` also during a contact."""
 MOVED = returns(reads(1), writes(1), reads(1), writes(1))
 """MuJoCo's `qpos`, `ctrl`, `qfrc_gravcomp` and `qfrc_applied`; the last two are empty if a robot on a fixed
 base has no weight."""
 ENGINE = returns(int64, int64)
 """Numba types of the addresses of MuJoCo's model and data."""
-KEPT = returns(writes(1), writes(1), writes(1, int64))
-"""The result of MuJoCo's solver, from which its next step starts, room for a copy of it, and the integers
-`Physics.whole` (see `TIP`)."""
-SERVOS = returns(writes(2), reads(2, int64), reads(2))
-"""Numba types of the three arrays of the servos: states (see `SETPOINT`) and indices (see `SERVO`) of the
-moving joints, and commands to all servos (see `TARGET`)."""
-FINGER = returns(writes(1), writes(2))
-"""Numba types of the finger's state (11,), and of the record (steps, 3) of its past steps: time [s], contact
+KEPT = returns(writes(1), writes(1))
+"""The result of MuJoCo's solver, from which its next step starts, and room for a copy of it."""
+DRIVES, COMMANDS = from_dtype(DRIVE), from_dtype(ASKED)
+SERVOS = returns(writes(1, DRIVES), reads(1, COMMANDS))
+"""Numba types of the `DRIVE`s (k,) of all joints that servos move, and of the commands (n,) to all servos."""
+FINGER = returns(writes(1, from_dtype(POKE)), writes(2))
+"""Numba types of the finger's state (1,), and of the record (steps, 3) of its past steps: time [s], contact
 force [N] and distance [m] of each step."""
-JOINT, VELOCITY, MOTOR = range(3)
-"""Rows of the measurements of all servos (3, n): angles [rad], velocities [rad/s] and motor torques [N m]."""
+Records = NDArray[np.void]
 
 
 def find_library(folder: Path, version: str) -> Path:
@@ -92,73 +101,71 @@ _step, _forward = _bring("mj_step"), _bring("mj_forward")
 
 
 @inlined
-def _follow(servos: Array, places: Array, asked: Array) -> None:
+def _follow(drives: Records, asked: Records) -> None:
     """Moves the set-points of all moving joints towards the targets of their servos, by the motion of one
-    step. The arrays are explained at `SERVOS`."""
-    for i in range(servos.shape[1]):
-        left = asked[TARGET, places[SERVO, i]] * servos[RATIO, i] + servos[SHIFT, i] - servos[SETPOINT, i]
-        servos[ADVANCE, i] = min(max(left, -servos[STRIDE, i]), servos[STRIDE, i])
-        servos[SETPOINT, i] += servos[ADVANCE, i]
+    step."""
+    for i in range(len(drives)):
+        one = drives[i]
+        left = asked[one.servo].target * one.ratio + one.shift - one.setpoint
+        one.advance = min(max(left, -one.stride), one.stride)
+        one.setpoint += one.advance
 
 
 @inlined
-def _drive(qpos: Array, ctrl: Array, servos: Array, places: Array, asked: Array, ahead: float) -> None:
-    """Writes the inputs of the servos' actuators into MuJoCo's `ctrl`.
-
-    The inputs are those for set-points that have moved on by `ahead` further steps at the present speed.
-    `qpos` contains MuJoCo's joint angles; the other arrays are explained at `SERVOS`.
-    """
-    for i in range(servos.shape[1]):
-        lag, advance = servos[LAG, i], servos[ADVANCE, i]
-        here = qpos[places[ADDRESS, i]]
-        error = servos[SETPOINT, i] + ahead * advance - here
-        if places[LOOSE, i]:
-            ctrl[places[ACTUATOR, i]] = asked[TORQUE, places[SERVO, i]] * servos[RATIO, i]
+def _drive(qpos: Array, ctrl: Array, drives: Records, asked: Records, ahead: float) -> None:
+    """Writes the inputs of the servos' actuators into MuJoCo's `ctrl`, for set-points that have moved on by
+    `ahead` further steps at the present speed. `qpos` contains MuJoCo's joint angles."""
+    for i in range(len(drives)):
+        one = drives[i]
+        here = qpos[one.address]
+        error = one.setpoint + ahead * one.advance - here
+        if one.loose:
+            ctrl[one.actuator] = asked[one.servo].torque * one.ratio
         else:
-            seen = error if places[YIELDING, i] else min(max(error, -lag), lag)
-            ctrl[places[ACTUATOR, i]] = here + seen + servos[LEAD, i] * advance
+            seen = error if one.yielding else min(max(error, -one.lag), one.lag)
+            ctrl[one.actuator] = here + seen + one.lead * one.advance
 
 
 @inlined
-def _let_hang(carried: Array, applied: Array, places: Array) -> None:
+def _let_hang(carried: Array, applied: Array, drives: Records) -> None:
     """MuJoCo carries the weight of all links (`carried`), as servos with an integral action do. What hangs on
     joints whose servos do not hold it pulls (`applied`)."""
-    for i in range(places.shape[1]):
-        dof = places[DOF, i]
-        applied[dof] = -carried[dof] if places[LIMP, i] else 0.0
+    for i in range(len(drives)):
+        dof = drives[i].dof
+        applied[dof] = -carried[dof] if drives[i].limp else 0.0
 
 
 @inlined
-def _push(time: float, ctrl: Array, finger: Array, whole: Array) -> None:
+def _push(time: float, ctrl: Array, finger: Any) -> None:
     """Moves the base of the finger along its path, by the motion of the step that begins at `time` [s].
     Writes the input of the finger's actuator into MuJoCo's `ctrl`."""
-    wanted = finger[SPEED] * (time - finger[BEGIN])
-    finger[PATH] = max(finger[PATH], min(wanted, finger[END]))
+    wanted = finger.speed * (time - finger.begin)
+    finger.path = max(finger.path, min(wanted, finger.end))
     # The damper lies between base and tip, so it needs the base's speed as well.
-    speed = finger[SPEED] if wanted < finger[END] else 0.0
-    ctrl[whole[TIP]] = finger[PATH] + finger[LEADS] * speed
+    speed = finger.speed if wanted < finger.end else 0.0
+    ctrl[finger.actuator] = finger.path + finger.leads * speed
 
 
 @inlined
-def _note(time: float, sensors: Array, finger: Array, whole: Array, trace: Array) -> None:
+def _note(time: float, sensors: Array, finger: Any, trace: Array) -> None:
     """Records the contact of the finger's tip in a step that began at `time` [s]: updates the state `finger`
-    (see `ACTIVE`), and writes time [s], contact force [N] and distance [m] into the next row of `trace`."""
-    at = whole[TIP_SENSOR]
+    (`POKE`), and writes time [s], contact force [N] and distance [m] into the next row of `trace`."""
+    at = finger.sensor
     force = (sensors[at] ** 2 + sensors[at + 1] ** 2 + sensors[at + 2] ** 2) ** 0.5
     if force > 0.0:
-        if finger[FIRST] != finger[FIRST]:
-            finger[FIRST] = time
-            finger[END] = finger[PATH] + finger[DEPTH]
+        if finger.first != finger.first:
+            finger.first = time
+            finger.end = finger.path + finger.depth
             # A finger that waited at the end of its path continues from there.
-            finger[BEGIN] = max(finger[BEGIN], time - finger[PATH] / finger[SPEED])
-        finger[LOST] = float("nan")
-        finger[PEAK] = max(finger[PEAK], force)
-    elif finger[FORCE] > 0.0:
-        finger[LOST] = time
-    finger[FORCE] = force
-    row = trace[whole[TRACED] % len(trace)]
-    row[0], row[1], row[2] = time, force, finger[PATH]
-    whole[TRACED] += 1
+            finger.begin = max(finger.begin, time - finger.path / finger.speed)
+        finger.lost = float("nan")
+        finger.peak = max(finger.peak, force)
+    elif finger.force > 0.0:
+        finger.lost = time
+    finger.force = force
+    row = trace[finger.traced % len(trace)]
+    row[0], row[1], row[2] = time, force, finger.path
+    finger.traced += 1
 
 
 @inlined
@@ -192,32 +199,32 @@ def march(
     are explained at `MOVED`, `KEPT`, `SERVOS`, `FINGER`, `SKIN` and `HANDS`.
     """
     model, data = engine
-    warm, spare, whole = kept
-    states, places, asked = servos
-    tool, trace = finger
+    warm, spare = kept
+    drives, asked = servos
+    tool, trace = finger[0][0], finger[1]
     qpos, ctrl, carried, applied = moved
     sensors, patches = skin[0], skin[3]
     due = begin
     for number in range(begin, end):
         time = number * step
-        _follow(states, places, asked)
-        _drive(qpos, ctrl, states, places, asked, 0.0)
-        if tool[ACTIVE]:
-            _push(time, ctrl, tool, whole)
+        _follow(drives, asked)
+        _drive(qpos, ctrl, drives, asked, 0.0)
+        if tool.active:
+            _push(time, ctrl, tool)
         if len(carried):
-            _let_hang(carried, applied, places)
+            _let_hang(carried, applied, drives)
         guide(number, step, ctrl, hands)
         _step(model, data)
-        if tool[ACTIVE]:
-            _note(time, sensors, tool, whole, trace)
+        if tool.active:
+            _note(time, sensors, tool, trace)
         note(number, step, sensors, hands)
         if number + 1 < min(due, end):
             continue
         # Torques and forces on the skin depend on the servos' inputs. The inputs of the previous step would
         # brake a stiff servo in motion. So torques and forces are computed with the inputs of the next step.
-        _drive(qpos, ctrl, states, places, asked, 1.0)
-        if tool[ACTIVE]:
-            _push((number + 1) * step, ctrl, tool, whole)
+        _drive(qpos, ctrl, drives, asked, 1.0)
+        if tool.active:
+            _push((number + 1) * step, ctrl, tool)
         if number + 1 < due:
             continue
         due, full, looked = end + 1, False, False
@@ -233,26 +240,33 @@ def march(
     return end
 
 
-@compiled(int64(reads(1), reads(1), reads(1), reads(2, int64), reads(2), reads(2), writes(2)))
+@compiled(
+    int64(reads(1), reads(1), reads(1), reads(1, DRIVES), reads(1, COMMANDS), writes(1), writes(1), writes(1))
+)
 def measure(
-    qpos: Array, qvel: Array, forces: Array, places: Array, asked: Array, servos: Array, found: Array
+    qpos: Array,
+    qvel: Array,
+    forces: Array,
+    drives: Records,
+    asked: Records,
+    angles: Array,
+    velocities: Array,
+    torques: Array,
 ) -> int:
-    """Writes the angles [rad], velocities [rad/s] and motor torques [N m] of all servos into the rows of
-    `found` (3, n).
+    """Writes the `angles` [rad], `velocities` [rad/s] and motor `torques` [N m] (n,) of all servos.
 
     For a servo without a joint, the angle is its target, and velocity and torque are 0. For a servo with
-    several joints, angle and velocity come from the first joint. `qpos`, `qvel` and `forces` are MuJoCo's;
-    the other arguments are explained at `SERVOS`.
+    several joints, angle and velocity come from the first joint. `qpos`, `qvel` and `forces` are MuJoCo's.
     """
-    for i in range(found.shape[1]):
-        found[JOINT, i] = asked[TARGET, i]
-        found[VELOCITY, i] = found[MOTOR, i] = 0.0
-    for i in range(places.shape[1] - 1, -1, -1):
-        servo, ratio = places[SERVO, i], servos[RATIO, i]
-        found[JOINT, servo] = (qpos[places[ADDRESS, i]] - servos[SHIFT, i]) / ratio
-        found[VELOCITY, servo] = qvel[places[DOF, i]] / ratio
-        found[MOTOR, servo] += forces[places[ACTUATOR, i]] * ratio
-    return int(places.shape[1])
+    for i in range(len(angles)):
+        angles[i] = asked[i].target
+        velocities[i] = torques[i] = 0.0
+    for i in range(len(drives) - 1, -1, -1):
+        one = drives[i]
+        angles[one.servo] = (qpos[one.address] - one.shift) / one.ratio
+        velocities[one.servo] = qvel[one.dof] / one.ratio
+        torques[one.servo] += forces[one.actuator] * one.ratio
+    return len(drives)
 
 
 @inlined
@@ -276,24 +290,22 @@ def fault_of(servos: Array, values: Array, count: int) -> int:
     return int(_fault(servos, values, count))
 
 
-@compiled(int64(views(1, int64), views(1), reads(1), float64, reads(2, int64), writes(2), writes(2)))
-def aim(
-    servos: Array, angles: Array, top: Array, steps: float, places: Array, asked: Array, state: Array
-) -> int:
+@compiled(int64(views(1, int64), views(1), reads(1), float64, writes(1, DRIVES), writes(1, COMMANDS)))
+def aim(servos: Array, angles: Array, top: Array, steps: float, drives: Records, asked: Records) -> int:
     """Sets the targets `angles` (k,) [rad] of the servos with the indices `servos` (k,).
 
     The set-point of each moving joint then reaches its target in `steps` steps, or in more steps if the joint
-    would otherwise be faster than its limit in `top` [rad per step]. `state`, `places` and `asked` are the
-    arrays of `SERVOS`. Returns 0, or 1 for an invalid servo and 2 for an angle that is not finite; in these
-    two cases nothing is set.
+    would otherwise be faster than its limit in `top` [rad per step]. Returns 0, or 1 for an invalid servo and
+    2 for an angle that is not finite; in these two cases nothing is set.
     """
-    fault = _fault(servos, angles, asked.shape[1])
+    fault = _fault(servos, angles, len(asked))
     if fault:
         return int(fault)
     for i in range(len(servos)):
-        asked[TARGET, servos[i]] = angles[i]
-    for i in range(state.shape[1]):
-        target = asked[TARGET, places[SERVO, i]] * state[RATIO, i] + state[SHIFT, i]
-        left = abs(target - state[SETPOINT, i])
-        state[STRIDE, i] = min(left / steps, top[i])
+        asked[servos[i]].target = angles[i]
+    for i in range(len(drives)):
+        one = drives[i]
+        target = asked[one.servo].target * one.ratio + one.shift
+        left = abs(target - one.setpoint)
+        one.stride = min(left / steps, top[i])
     return 0

@@ -142,7 +142,7 @@ class World:
         self._obstacles = {one.name: PlacedObstacle(self._physics, self._skin, one) for one in obstacles}
         servos, finger = self._servos, self.finger
         self._arrays = (
-            (servos.state, servos.places, servos.asked), (finger.state, finger.traced), self._taxels.arrays,
+            (servos.drives, servos.asked), (finger.state, finger.traced), self._taxels.arrays,
         )  # fmt: skip
         self.reset()
 

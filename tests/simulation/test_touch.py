@@ -244,7 +244,7 @@ def test_a_list_of_taxels_around_a_contact_hides_none(nao: World) -> None:
     """The finger slides over the skin while the skin turns under the finger."""
     patch = nao.robot.patches[0]
     nao.finger.poke(patch.name, len(nao.surfaces[patch.name].positions) // 2, speed=0.1)
-    spots = nao._taxels.arrays[11]
+    spots = nao._taxels.arrays[10]
     centres = set()
     for step in range(100, 700):
         nao.advance(step * 0.001)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from numba import int64
+import numpy as np
+from numba import from_dtype, int64
 
 from tci.messages.frames import Array
 from tci.simulation.kernel import REACH, ROWS, SHARE, share_into, within
@@ -28,30 +29,33 @@ SIDE = 0.2
 contact; the taxels measure no contact with a smaller cosine. Such a contact is on an end of a limb's skin, or
 on the rim or the back of a sheet, where there are no taxels. Assumed: on the skin of the included robots,
 this cosine is below 0.2 on these ends, and above 0.7 at almost all other places."""
-SENSOR, FLOOR, BODY, BEGIN, END, CHANNEL, NODE, NODES, AXES, COUNT, DUE, TAKEN, TOUCHED, PRESSED = range(14)
-"""Columns of a table of integers with one row for each patch:
+_F, _I = np.float64, np.int64
+PATCH = np.dtype([
+    *[(name, _I) for name in ("sensor", "floor", "body", "begin", "end", "channel", "node", "nodes", "axes")],
+    *[(name, _I) for name in ("count", "due", "taken", "touched", "pressed")],
+    *[(name, _F) for name in ("rest", "per_count", "shear_per_count", "rate", "width", "size")],
+    ("outward", _F, (3,)),
+])  # fmt: skip
+"""One patch of skin:
 
-- `SENSOR`, `FLOOR`: index in MuJoCo's `sensordata` of the first value of the patch's contact sensor and of
-  its floor sensor; `FLOOR` is -1 if there is no floor sensor.
-- `BODY`: index of the patch's link in the model.
-- `BEGIN`, `END`: index of the patch's first taxel, and of its last taxel + 1, among the taxels of all
+- `sensor`, `floor`: index in MuJoCo's `sensordata` of the first value of the patch's contact sensor and of
+  its floor sensor; `floor` is -1 if there is no floor sensor.
+- `body`: index of the patch's link in the model.
+- `begin`, `end`: index of the patch's first taxel, and of its last taxel + 1, among the taxels of all
   patches.
-- `CHANNEL`: index of the patch's first channel among the channels of all patches.
-- `NODE`, `NODES`: index of the first point of the sensor's response curve, and of its last point + 1; both
+- `channel`: index of the patch's first channel among the channels of all patches.
+- `node`, `nodes`: index of the first point of the sensor's response curve, and of its last point + 1; both
   are equal if there is no curve.
-- `AXES`: number of values that a taxel measures: 1, or 3 with tangential stress.
-- `COUNT`, `DUE`: sequence number of the latest frame, and number of the simulation step of the next frame.
-- `TAKEN`, `TOUCHED`, `PRESSED`: number of the simulation step, number of contacts and number of active taxels
-  of the latest frame."""
-REST, PER_COUNT, SHEAR_PER_COUNT, RATE, WIDTH, SIZE, OUTWARD = range(7)
-"""Columns (9) of a table of floats with one row for each patch:
-
-- `REST`: rest value [counts] of the sensor.
-- `PER_COUNT`, `SHEAR_PER_COUNT`: scales [Pa/count] of the sensor, for pressure and for tangential stress.
-- `RATE`: number of frames per simulation step.
-- `WIDTH`, `SIZE`: widths [m] over which a contact force and a force of the floor are distributed on the
-  taxels. `SIZE` is half of the patch's longest side.
-- `OUTWARD`: first of three columns with the direction of the patch's mean outward normal."""
+- `axes`: number of values that a taxel measures: 1, or 3 with tangential stress.
+- `count`, `due`: sequence number of the latest frame, and number of the simulation step of the next frame.
+- `taken`, `touched`, `pressed`: number of the simulation step, number of contacts and number of active taxels
+  of the latest frame.
+- `rest`: rest value [counts] of the sensor.
+- `per_count`, `shear_per_count`: scales [Pa/count] of the sensor, for pressure and for tangential stress.
+- `rate`: number of frames per simulation step.
+- `width`, `size`: widths [m] over which a contact force and a force of the floor are distributed on the
+  taxels. `size` is half of the patch's longest side.
+- `outward`: direction of the patch's mean outward normal."""
 X, Y, AREA = 0, 3, 6
 """First columns of the data in the table of taxels (7 columns): two tangents x and y of the skin at the taxel
 with 3 numbers each, and the area [m2]."""
@@ -73,14 +77,14 @@ CENTRE, RADIUS, MEMBERS = 0, 3, 4
 in the contact's list `AROUND`: its centre [m] (3 columns), its radius [kernel widths] and the number of its
 taxels."""
 SKIN = returns(
-    reads(1), reads(2), reads(2), writes(2, int64), reads(2), reads(2), reads(2), reads(1, int64), reads(2),
+    reads(1), reads(2), reads(2), writes(1, from_dtype(PATCH)), reads(2), reads(2), reads(1, int64), reads(2),
     writes(2), writes(2, int64), writes(2), writes(2), writes(1),
 )  # fmt: skip
 """Numba types of `skin`, the tuple of arrays from which compiled loops compute the frames of all patches. Its
 elements, in this order:
 
 - MuJoCo's sensors, and positions and orientations of links.
-- Integers (see `SENSOR`) and floats (see `REST`) of the patches.
+- Patches (`PATCH`).
 - Positions [m] of taxels, their tangents and areas (see `X`), and their channels.
 - Points of response curves, forces on taxels (see `PRESSING`), lists of taxels (see `ALL`), and spheres
   around contacts (see `CENTRE`).
@@ -197,10 +201,10 @@ def press(patch: int, skin: Arrays) -> tuple[int, int]:
     Contact with the floor counts as one contact, and only if there is no other contact. With more than
     `SLOTS` contacts, forces are not computed, and no taxel is active.
     """
-    sensors, centres, turns, patches, floats, positions, taxels, _, _, load, lists, spots, work, _ = skin
-    integers, numbers = patches[patch], floats[patch]
-    start, begin, end, body = integers[SENSOR], integers[BEGIN], integers[END], integers[BODY]
-    found, floor = int(sensors[start + FOUND]), integers[FLOOR]
+    sensors, centres, turns, patches, positions, taxels, _, _, load, lists, spots, work, _ = skin
+    one = patches[patch]
+    start, begin, end, body = one.sensor, one.begin, one.end, one.body
+    found, floor = int(sensors[start + FOUND]), one.floor
     carried = floor >= 0 and sensors[floor + FOUND] > 0.0
     active = 0
     if (found == 0 and not carried) or found > SLOTS:
@@ -224,15 +228,15 @@ def press(patch: int, skin: Arrays) -> tuple[int, int]:
         if number < 0:
             # A floor loads the whole of a padded sole, not the corners of its hull. The axes of its sensor
             # are those of the world.
-            row, sigma, pressing = SLOTS, numbers[SIZE], 0.0
+            row, sigma, pressing = SLOTS, one.size, 0.0
             x = y = z = 0.0
             for i in range(3):
-                way[i] = numbers[OUTWARD + i]
+                way[i] = one.outward[i]
                 a, b, c = turns[body, i], turns[body, 3 + i], turns[body, 6 + i]
                 pressing += (a * first + b * second + c * third) * way[i]
             pressing = abs(pressing)
         else:
-            row, sigma, pressing = number, numbers[WIDTH], first
+            row, sigma, pressing = number, one.width, first
             third_x = way[1] * tangent[2] - way[2] * tangent[1]
             third_y = way[2] * tangent[0] - way[0] * tangent[2]
             third_z = way[0] * tangent[1] - way[1] * tangent[0]
@@ -242,7 +246,7 @@ def press(patch: int, skin: Arrays) -> tuple[int, int]:
         near = _share(places, point, way, sigma, mine, row, spots[row], work)
         if number >= 0 and not _feels(way, near, own, mine, work):
             continue
-        active = _add((pressing, x, y, z), near, integers[AXES], own, mine, active, load, work)
+        active = _add((pressing, x, y, z), near, one.axes, own, mine, active, load, work)
     return max(found, 1), active
 
 
@@ -270,32 +274,30 @@ def sample(patch: int, step: int, skin: Arrays) -> int:
     computes only the forces on the taxels, and leaves them in the loads in `skin` (see `PRESSING`). Returns
     the number of contacts on the patch.
     """
-    _, _, _, patches, floats, _, taxels, channels, nodes, load, lists, _, _, values = skin
-    integers, numbers = patches[patch], floats[patch]
-    begin, axes = integers[BEGIN], integers[AXES]
-    latest = lists[LATEST, begin : integers[END]]
+    _, _, _, patches, _, taxels, channels, nodes, load, lists, _, _, values = skin
+    one = patches[patch]
+    begin, axes = one.begin, one.axes
+    latest = lists[LATEST, begin : one.end]
     found, active = press(patch, skin)
     if step < 0:
         return found
-    for j in range(integers[PRESSED]):
-        at = integers[CHANNEL] + axes * channels[begin + latest[j]]
+    for j in range(one.pressed):
+        at = one.channel + axes * channels[begin + latest[j]]
         for axis in range(axes):
-            values[at + axis] = numbers[REST]
-    integers[COUNT] += 1
-    integers[DUE] = max(math.ceil((integers[COUNT] + 1) / numbers[RATE] - 1e-6), step + 1)
-    integers[TAKEN], integers[TOUCHED], integers[PRESSED] = step, found, active
-    sign = 1.0 if numbers[PER_COUNT] > 0.0 else -1.0
+            values[at + axis] = one.rest
+    one.count += 1
+    one.due = max(math.ceil((one.count + 1) / one.rate - 1e-6), step + 1)
+    one.taken, one.touched, one.pressed = step, found, active
+    sign = 1.0 if one.per_count > 0.0 else -1.0
     for j in range(active):
         k = lists[ACTIVE, begin + j]
         area = taxels[begin + k, AREA]
-        at = integers[CHANNEL] + axes * channels[begin + k]
+        at = one.channel + axes * channels[begin + k]
         if axes == 3:
-            values[at] += load[0, k] / area / numbers[SHEAR_PER_COUNT]
-            values[at + 1] += load[1, k] / area / numbers[SHEAR_PER_COUNT]
+            values[at] += load[0, k] / area / one.shear_per_count
+            values[at + 1] += load[1, k] / area / one.shear_per_count
         pressure = load[PRESSING, k] / area
-        values[at + axes - 1] += sign * _counts(
-            pressure, integers[NODE], integers[NODES], nodes, numbers[PER_COUNT]
-        )
+        values[at + axes - 1] += sign * _counts(pressure, one.node, one.nodes, nodes, one.per_count)
         latest[j] = k
         load[0, k] = load[1, k] = load[PRESSING, k] = load[MARK, k] = 0.0
     return int(found)

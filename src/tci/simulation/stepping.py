@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tci.messages.frames import Array
 from tci.simulation.hand_control import HANDS, guide, note
-from tci.simulation.sampling import DUE, SKIN, SLOTS, Arrays, sample
+from tci.simulation.sampling import SKIN, SLOTS, Arrays, sample
 from tci.support.compiled import compiled, inlined, reads, returns, views, writes
 from tci.support.engine import mujoco
 
@@ -229,12 +229,12 @@ def march(
             continue
         due, full, looked = end + 1, False, False
         for patch in range(len(patches)):
-            if number + 1 >= patches[patch, DUE]:
+            if number + 1 >= patches[patch].due:
                 if not looked:
                     _look_ahead(model, data, warm, spare)
                     looked = True
                 full |= sample(patch, number + 1, skin) > SLOTS
-            due = min(due, patches[patch, DUE])
+            due = min(due, patches[patch].due)
         if full:
             return number + 1
     return end

@@ -49,9 +49,8 @@ class Taxels:
         """True if frames have noise or imperfections. The physics then pauses at each new frame, so that they
         can be added."""
         self._imperfect: list[ImperfectTaxels] = []
-        self._integers = np.zeros((len(patches), 14), dtype=np.int64)
-        floats, positions, taxels, channels, nodes = (
-            [],
+        self._rows = np.zeros(len(patches), at.PATCH)
+        positions, taxels, channels, nodes = (
             [np.zeros((0, 3))],
             [np.zeros((0, 7))],
             [],
@@ -60,34 +59,36 @@ class Taxels:
         floors = {one.name: one.adr[0] for one in map(physics.model.sensor, range(physics.model.nsensor))}
         for number, patch in enumerate(patches):
             surface, sensor = surfaces[patch.name], patch.sensor
-            name, integers = skin_geom(patch.name), self._integers[number]
-            integers[at.SENSOR] = physics.model.sensor(name).adr[0]
-            integers[at.FLOOR] = floors.get(floor_sensor(patch.name), -1)
-            integers[at.BODY] = physics.model.geom_bodyid[physics.model.geom(name).id]
-            integers[at.BEGIN] = sum(map(len, positions))
-            integers[at.END] = integers[at.BEGIN] + len(surface.positions)
-            integers[at.CHANNEL] = sum(patch.channels for patch in patches[:number])
-            integers[at.NODE] = sum(one.shape[1] for one in nodes)
-            integers[at.NODES] = integers[at.NODE] + len(sensor.response)
-            integers[at.AXES] = sensor.axes
+            name, one = skin_geom(patch.name), self._rows[number]
+            one["sensor"] = physics.model.sensor(name).adr[0]
+            one["floor"] = floors.get(floor_sensor(patch.name), -1)
+            one["body"] = physics.model.geom_bodyid[physics.model.geom(name).id]
+            one["begin"] = sum(map(len, positions))
+            one["end"] = one["begin"] + len(surface.positions)
+            one["channel"] = sum(patch.channels for patch in patches[:number])
+            one["node"] = sum(one.shape[1] for one in nodes)
+            one["nodes"] = one["node"] + len(sensor.response)
+            one["axes"] = sensor.axes
             x = tangents(surface.normals) if surface.tangents is None else surface.tangents
             shear = sensor.shear_pascal_per_count if sensor.axes == 3 else 1.0
             # A rigid plate distributes a force over all its taxels, at any distance.
             half = 0.5 * float(np.ptp(surface.positions, axis=0).max())
             outward = surface.normals.mean(axis=0)
-            floats.append([
-                sensor.rest, sensor.pascal_per_count, shear, patch.rate * physics.step,
-                half if patch.rigid else width(surface.areas), half,
-                *(outward / max(float(np.linalg.norm(outward)), 1e-9)),
-            ])  # fmt: skip
+            one["rest"], one["per_count"], one["shear_per_count"] = (
+                sensor.rest,
+                sensor.pascal_per_count,
+                shear,
+            )
+            one["rate"], one["size"] = patch.rate * physics.step, half
+            one["width"] = half if patch.rigid else width(surface.areas)
+            one["outward"] = outward / max(float(np.linalg.norm(outward)), 1e-9)
             positions.append(surface.positions)
             taxels.append(np.column_stack([x, np.cross(surface.normals, x), _spread(surface)]))
             channels += surface.channels.tolist()
             nodes.append(np.array(sensor.response).reshape(-1, 2).T)
         count = sum(map(len, positions))
         self._lists = np.zeros((at.AROUND + at.SLOTS + 1, count), dtype=np.int64)
-        for integers in self._integers:
-            begin, end = integers[[at.BEGIN, at.END]]
+        for begin, end in self._rows[["begin", "end"]].tolist():
             self._lists[at.ALL, begin:end] = np.arange(end - begin)
         spots = np.full((len(patches) * (at.SLOTS + 1), 5), -np.inf)
         self._load = np.zeros((4, count))
@@ -96,7 +97,7 @@ class Taxels:
         )
         data = physics.data
         self.arrays = (
-            physics.sensors, data.xpos, data.xmat, self._integers, np.array(floats).reshape(-1, 9),
+            physics.sensors, data.xpos, data.xmat, self._rows,
             np.concatenate(positions), np.concatenate(taxels), np.array(channels, dtype=np.int64),
             np.concatenate(nodes, axis=1), self._load, self._lists, spots,
             np.empty((ROWS + 1, max(9, count))), self._values,
@@ -114,19 +115,19 @@ class Taxels:
     def due(self) -> int:
         """Number of the step in which the next frame is taken. If the world has no skin, the number is the
         largest integer."""
-        return int(self._integers[:, at.DUE].min(initial=_NEVER))
+        return int(self._rows["due"].min(initial=_NEVER))
 
     def reset(self) -> None:
         """Takes the first frame of each patch now. Raises TciError if a patch has more contacts at a time
         than its sensor can report."""
         self._physics.refresh()
-        self._integers[:, at.COUNT] = -1
+        self._rows["count"] = -1
         for number in range(len(self._patches)):
             at.sample_now(number, self._physics.steps, self.arrays)
         if self._imperfection is not None:
             worn = (self._surfaces[patch.name] for patch in self._patches)
             self._imperfect = [ImperfectTaxels(surface, self._imperfection) for surface in worn]
-        self._frames = [self._frame(number, own) for number, own in enumerate(self._integers.tolist())]
+        self._frames = [self._frame(number) for number in range(len(self._patches))]
         self._until = -1
 
     def frames(self) -> tuple[SkinFrame, ...]:
@@ -136,33 +137,29 @@ class Taxels:
         contacts at a time than its sensor can report.
         """
         if self._physics.steps >= self._until:
-            frames, rows = self._frames, self._integers.tolist()
-            for number, integers in enumerate(rows):
-                if frames[number].sequence != integers[at.COUNT]:
-                    frames[number] = self._frame(number, integers)
+            frames = self._frames
+            for number, count in enumerate(self._rows["count"].tolist()):
+                if frames[number].sequence != count:
+                    frames[number] = self._frame(number)
             self._latest = tuple([frames[number] for number in self._sent])
-            self._until = min([integers[at.DUE] for integers in rows], default=_NEVER)
+            self._until = self.due
         return self._latest
 
-    def _frame(self, number: int, integers: list[int]) -> SkinFrame:
-        """Returns the latest raw frame of the patch with index `number`.
-
-        `integers` are the numbers that the compiled loop keeps about the patch, for example its first channel
-        and the sequence number of the frame.
-        """
-        patch, found = self._patches[number], integers[at.TOUCHED]
-        taken = integers[at.TAKEN] * self._physics.step
+    def _frame(self, number: int) -> SkinFrame:
+        """Returns the latest raw frame of the patch with index `number`."""
+        patch, one = self._patches[number], self._rows[number]
+        found, taken = int(one["touched"]), int(one["taken"]) * self._physics.step
         values = self._rest[number]
         if found or self.noisy:
             self._check(number, found)
-            begin = integers[at.CHANNEL]
+            begin = int(one["channel"])
             counts = self._values[begin : begin + patch.channels].copy() if found else values.astype(float)
             if self._imperfect:
                 self._distort(number, counts, taken)
             if self._noise:
                 counts += self._generator.normal(0.0, self._noise, len(counts))
             values = _raw(patch, counts)
-        return SkinFrame(patch.name, taken, integers[at.COUNT], values)
+        return SkinFrame(patch.name, taken, int(one["count"]), values)
 
     def _distort(self, number: int, counts: Array, now: float) -> None:
         """Applies the simulated imperfections of the taxels, for example creep and hysteresis, to the
@@ -185,7 +182,7 @@ class Taxels:
         """
         self._physics.refresh()
         number = self.worn[patch]
-        begin, end = self._integers[number, [at.BEGIN, at.END]]
+        begin, end = self._rows[["begin", "end"]][number].tolist()
         found = at.sample_now(number, -1, self.arrays)
         self._check(number, found)
         vectors = self._load[:3, : end - begin].T.copy()

@@ -85,8 +85,8 @@ class Gravity:
 def weighted_model(robot: Robot) -> tuple[mujoco.MjModel, int]:
     """Returns a model of the robot with bodies, joints, masses and gravity, and the index of its torso body.
 
-    - Raises DescriptionError if the robot has no model, or if a link lacks the `<inertial>` that it needs. A
-      link needs this element if a joint moves it, or if it has shapes with a mass (MJCF).
+    - Raises DescriptionError if the robot has no model, or if nothing tells the mass of a link that a joint
+      moves or that has shapes (MJCF).
     - Raises UnknownNameError if the torso is missing in the model.
     """
     if robot.model is None:
@@ -109,6 +109,9 @@ def _weighted_model(description: Model, _: int) -> tuple[mujoco.MjModel, int]:
     bodies = load_spec(description).bodies
     heavy = {body.name for body in bodies if body.explicitinertial}
     shaped = {body.name for body in bodies if any(geom.mass != 0 and geom.density for geom in body.geoms)}
+    weighed = (
+        "an <inertial>" if description.format == "urdf" else "an <inertial>, or geoms that MuJoCo weighs"
+    )
     faults = []
     for body, name in enumerate(links, start=1):
         if name not in heavy:
@@ -117,9 +120,9 @@ def _weighted_model(description: Model, _: int) -> tuple[mujoco.MjModel, int]:
             model.body_inertia[body] = 0.0
             of_robot = model.body_rootid[body] == model.body_rootid[torso]
             if model.body_jntnum[body]:
-                faults.append(Fault(0, f"link {name} moves and has no <inertial>"))
+                faults.append(Fault(0, f"link {name} moves and has no <inertial>; valid: {weighed}"))
             elif description.format == "mjcf" and of_robot and name in shaped:
-                fault = f"link {name} has shapes and no <inertial> that says their weight"
+                fault = f"link {name} has shapes and no <inertial> that says their weight; valid: {weighed}"
                 faults.append(Fault(0, fault))
     if faults:
         raise DescriptionError(description.path, faults)

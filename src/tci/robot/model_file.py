@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -27,11 +29,15 @@ BOUND_MASS, BOUND_INERTIA = 1e-6, 1e-9
 """Least mass [kg] and moment of inertia [kg m2] of moving links without geoms. MuJoCo can't compile these
 links without mass. These values are only used for kinematics, which do not depend on mass."""
 
+_ONE_AXIS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+_CAMERA = mujoco.mjtObj.mjOBJ_CAMERA
+
 
 def load_spec(model: Model) -> mujoco.MjSpec:
     """Loads the model as an editable specification. The base is fixed, and every link is a body with a name.
 
-    Visual geoms are kept. Links without mass, such as the frames of skin modules, are kept too. Raises
+    Visual geoms are kept. Links without mass, such as the frames of skin modules, are kept too. The world of
+    an MJCF is left out (`world_of`), and what its geoms weigh is written as inertias. Raises
     DescriptionError if the file is missing or MuJoCo can't read it.
     """
     path = Path(model.path)
@@ -46,18 +52,20 @@ def load_spec(model: Model) -> mujoco.MjSpec:
             _mend_inertia(spec)
         else:
             spec = _read_mjcf(model)
+            strip_world(spec)
         _mend_masses(spec)
     except (ValueError, etree.XMLSyntaxError) as error:
         words = " ".join(str(error).split())
         message = f"not a readable {model.format} model: {words}; valid: a file that MuJoCo reads"
         raise DescriptionError(model.path, [Fault(0, message)]) from error
+    if model.format == "mjcf" and _shapes_weigh(spec):
+        _set_inertias(spec, model)
     for attachment in model.attachments:
         _attach(spec, attachment)
     # MuJoCo discards visual geoms twice: when it parses and again when it compiles.
     spec.compiler.discardvisual = False
     spec.compiler.fusestatic = False
-    for index, body in enumerate(spec.bodies):
-        body.name = body.name or f"tci_body_{index}"
+    _name_bodies(spec)
     for joint in spec.joints:
         if joint.type == mujoco.mjtJoint.mjJNT_FREE:
             spec.delete(joint)
@@ -65,6 +73,91 @@ def load_spec(model: Model) -> mujoco.MjSpec:
     for element in [*spec.keys, *spec.pairs]:
         spec.delete(element)
     return spec
+
+
+def _name_bodies(spec: mujoco.MjSpec) -> None:
+    for index, body in enumerate(spec.bodies):
+        body.name = body.name or f"tci_body_{index}"
+
+
+def world_of(model: Model) -> list[str]:
+    """What `load_spec` leaves out of an MJCF, by kind and name; empty for a URDF, which has no world."""
+    return strip_world(_read_mjcf(model)) if model.format == "mjcf" else []
+
+
+def strip_world(spec: mujoco.MjSpec) -> list[str]:
+    """Removes the scene around the robot: planes and height fields, things that float beside it, lights, the
+    world's cameras. Returns what is gone, by kind and name.
+
+    If the robot's base floats, all other shapes on the world go too. If it is fixed, they stay: MuJoCo itself
+    writes the shapes of a fixed base as geoms of the world.
+    """
+    _name_bodies(spec)  # before bodies go, so that the numbers are those of the file
+    tops = list(spec.worldbody.bodies)
+    robots = [body for body in tops if any(joint.type in _ONE_AXIS for joint in _joints_under(body))]
+    floats = any(joint.type == mujoco.mjtJoint.mjJNT_FREE for body in robots for joint in body.joints)
+    things = [
+        body for body in tops if robots and body not in robots and (floats or body.mocap or body.joints)
+    ]
+    gone = [f"body {body.name}" for body in things]
+    for body in things:
+        spec.delete(body)
+    endless = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+    geoms = [geom for geom in spec.geoms if geom.type in endless or (floats and geom.parent.name == "world")]
+    cameras = [one for one in spec.cameras if one.parent.name == "world" or one.targetbody]
+    lost = {(kind, one.name) for kind, group in ((mujoco.mjtObj.mjOBJ_GEOM, geoms), (_CAMERA, cameras))
+            for one in group if one.name}  # fmt: skip
+    for sensor in list(spec.sensors):
+        if {(sensor.objtype, sensor.objname), (sensor.reftype, sensor.refname)} & lost:
+            spec.delete(sensor)
+    gone += [f"geom {geom.name or geom.type.name.removeprefix('mjGEOM_').lower()}" for geom in geoms]
+    for element in [*geoms, *cameras, *spec.lights, *spec.flexes, *spec.skins]:
+        spec.delete(element)
+    return gone
+
+
+def _joints_under(body: mujoco.MjsBody) -> Iterator[mujoco.MjsJoint]:
+    yield from body.joints
+    for child in body.bodies:
+        yield from _joints_under(child)
+
+
+def _shapes_weigh(spec: mujoco.MjSpec) -> bool:
+    """True if MuJoCo takes a mass from geoms, or scales the masses (`settotalmass`)."""
+    always = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    return spec.compiler.settotalmass > 0.0 or any(
+        geom.mass != 0.0 and geom.density
+        for body in spec.bodies if always or not body.explicitinertial for geom in body.geoms
+    )  # fmt: skip
+
+
+def _set_inertias(spec: mujoco.MjSpec, model: Model) -> None:
+    """Writes the masses that MuJoCo computes from the geoms into the links, so that a model has the same
+    masses with and without its shapes. Nothing happens if MuJoCo can't compile the model: who needs the
+    masses then names the links that lack them."""
+    try:
+        made = _with_masses(model, Path(model.path).stat().st_mtime_ns)
+    except (ValueError, DescriptionError):
+        return
+    roots = set(made.body_rootid[made.jnt_bodyid])  # a table beside the robot weighs nothing
+    for body in spec.bodies[1:]:
+        own = made.body(body.name)
+        if own.rootid[0] in roots and (own.mass[0] > 0.0 or body.joints):
+            body.mass, body.ipos, body.iquat = float(own.mass[0]), own.ipos, own.iquat
+            body.fullinertia, body.inertia, body.explicitinertial = [np.nan] * 6, own.inertia, True
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+    spec.compiler.settotalmass = -1.0
+
+
+@lru_cache(maxsize=16)
+def _with_masses(model: Model, _: int) -> mujoco.MjModel:
+    """MuJoCo's own form of an MJCF, world and all, since `settotalmass` counts that too. The second argument
+    is the time [ns] at which the file was last written."""
+    spec = _read_mjcf(model)
+    _name_bodies(spec)
+    _mend_masses(spec)
+    _place_meshes(spec, model)
+    return compile_once(spec)
 
 
 def compile_once(spec: mujoco.MjSpec) -> mujoco.MjModel:
@@ -173,7 +266,13 @@ def _is_point(shape: etree._Element) -> bool:
 
 def _read_mjcf(model: Model) -> mujoco.MjSpec:
     """Reads an MJCF file. If the model has the attribute meshes="none", the meshes are left out."""
-    spec = mujoco.MjSpec.from_file(model.path)
+    path = Path(model.path)
+    if path.suffix == ".xml":
+        spec = mujoco.MjSpec.from_file(model.path)
+    else:  # MuJoCo picks the decoder by the name, so a file.mjcf is lent one that it knows
+        files, name = mujoco.MjVfs(), f"{model.path}.xml"
+        files[name] = path.read_bytes()
+        spec = mujoco.MjSpec.from_file(name, vfs=files)
     shown = [geom for geom in spec.geoms if geom.meshname]
     if model.meshes == NO_MESHES:
         for element in [*shown, *spec.meshes]:

@@ -11,6 +11,7 @@ from tci.lab.authoring.joint_tree import read_joints
 from tci.lab.authoring.limb_kind import is_named_as
 from tci.robot.description import Robot
 from tci.robot.kinematics import bare_model
+from tci.robot.model_file import world_of
 from tci.support.engine import mujoco
 
 STEEPEST = 0.26
@@ -21,10 +22,11 @@ SLIDES = int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def left_out(robot: Robot) -> list[str]:
-    """Returns notes on joints that a proposed description does not use.
+    """Returns notes on what a proposed description does not use.
 
-    One note lists the sliding joints. Another note follows for each kind of part (head, torso, legs) that is
-    left out although places or names of joints suggest such a part.
+    One note lists the world around the robot in an MJCF, one the sliding joints. Another note follows for
+    each kind of part (head, torso, legs) that is left out although places or names of joints suggest such a
+    part.
     """
     if robot.model is None:
         return []
@@ -41,6 +43,8 @@ def left_out(robot: Robot) -> list[str]:
     sliding = [one.name for one in map(model.joint, range(model.njnt)) if one.type[0] == SLIDES]
     told = f"{', '.join(sliding)}: no generic joint slides; at the model's zero in simulation"
     notes = [told] if sliding else []
+    if world := world_of(robot.model):
+        notes.insert(0, f"{', '.join(world)}: the model's world, no part of the robot; left out")
     if "leg" not in kinds and (legs := find_legs(joints, taken, extent_of(joints), slanted=STEEPEST)):
         hips = [joints[leg.hip] for leg in legs.values()]
         slants = [np.rad2deg(np.arccos(min(1.0, abs(float(hip.axis[1]))))) for hip in hips]

@@ -315,7 +315,7 @@ def _standing(
     ]
     limbs: dict[tuple[str, str], Array] = {}
     for side, arm in arms.items():
-        for limb, (a, b), most in (("upper arm", arm[:2], 30.0), ("forearm", arm[1:], 45.0)):
+        for limb, (a, b), most in (("upper arm", arm[:2], 30.0), ("forearm", arm[1:], 60.0)):
             direction = places[b] - places[a]
             if np.linalg.norm(direction) == 0.0:
                 return np.eye(3), np.inf, f"two joints of the {side} arm are at one place"

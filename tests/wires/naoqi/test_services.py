@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
 from helpers.served import Served, needs_qi, served
@@ -74,6 +75,62 @@ def test_blocking_motions_return_when_they_are_there_and_block_nobody_else(sessi
     assert motion.getAngles("RElbowRoll", True) == pytest.approx([1.0], abs=0.02)
     motion.angleInterpolation(["RElbowRoll"], [-0.2], [0.5], False)
     assert motion.getAngles("RElbowRoll", True) == pytest.approx([0.8], abs=0.02)
+    for move, place in ((motion.openHand, 1.0), (motion.closeHand, 0.0)):
+        move("LHand")
+        assert motion.getAngles("LHand", True) == pytest.approx([place], abs=0.02)
+
+
+SERIES = {
+    "lists": ("angleInterpolation", ["LShoulderPitch", "LElbowRoll"], [[1.0, 1.4], [-0.5]],
+              [[0.1, 0.3], [0.2]], True),
+    "one joint": ("angleInterpolation", "LShoulderPitch", [1.0, 1.4], [0.1, 0.3], True),
+    "Bezier": ("angleInterpolationBezier", ["LShoulderPitch", "LElbowRoll"], [[0.1, 0.3], [0.2]],
+               [[[1.0, [3, -0.1, 0.0], [3, 0.1, 0.0]], [1.4, [3, -0.1, 0.0], [3, 0.1, 0.0]]],
+                [[-0.5, [3, -0.1, 0.0], [3, 0.1, 0.0]]]]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("call", SERIES)
+def test_a_series_moves_through_all_its_angles(call: str) -> None:
+    """Each target comes with the speed that brings the joint there in time."""
+    method, *arguments = SERIES[call]
+    with StillNao() as nao:
+        session = session_with(nao.port)
+        motion = session.service("ALMotion")
+        (start,) = motion.getAngles("LShoulderPitch", False)
+        moved = getattr(motion, method)(*arguments, _async=True)
+        seen: list[tuple[float, float]] = []
+        while moved.isRunning():
+            seen += targets(nao, "LShoulderPitch")
+            time.sleep(0.005)
+        moved.value()
+        assert seen == [(1.0, pytest.approx(abs(1.0 - start) / 0.1)), (1.4, pytest.approx(0.4 / 0.2))]
+        session.close()
+
+
+def test_a_killed_series_goes_no_further() -> None:
+    with StillNao() as nao:
+        session = session_with(nao.port)
+        motion = session.service("ALMotion")
+        (start,) = motion.getAngles("LShoulderPitch", False)
+        moved = motion.angleInterpolation("LShoulderPitch", [0.1, 0.2], [0.3, 0.6], False, _async=True)
+        wait_for(
+            lambda: [value for value, _ in targets(nao, "LShoulderPitch")] == [pytest.approx(start + 0.1)]
+        )
+        motion.killAll()
+        moved.value(2000)
+        assert [value for value, _ in targets(nao, "LShoulderPitch")] == [pytest.approx(start + 0.1)]
+        session.close()
+
+
+def targets(nao: StillNao, name: str) -> list[tuple[float, float]]:
+    """Executes the orders that have arrived. Returns angle [rad] and speed [rad/s] of those for one servo."""
+    index = next(servo.index for servo in ROBOT.servos if servo.name == name)
+    return [
+        (float(order.values[at]), float(np.broadcast_to(order.speed, order.values.shape)[at]))
+        for order in nao.obey()
+        for at in np.flatnonzero(order.servos == index)
+    ]
 
 
 @pytest.mark.xdist_group("served nao")
@@ -131,7 +188,13 @@ HOSTILE: list[tuple[str, tuple[Any, ...]]] = [
     ("setStiffnesses", ("Body", float("nan"))),
     ("changeAngles", ("LElbowRoll", float("nan"), 0.5)),
     ("angleInterpolation", ("LElbowRoll", -1.0, 0.0, True)),
-    ("angleInterpolation", ("LElbowRoll", [[-1.0, 0.0]], [[1.0, 2.0]], True)),
+    ("angleInterpolation", ("LElbowRoll", [[-1.0, 0.0]], [[1.0]], True)),
+    ("angleInterpolation", ("LElbowRoll", [[-1.0, 0.0]], [[2.0, 1.0]], True)),
+    ("angleInterpolation", (["LElbowRoll", "LElbowYaw"], [[-1.0, 0.0]], [[1.0, 2.0]], True)),
+    ("angleInterpolation", ("LElbowRoll", [[-1.0, float("nan")]], [[1.0, 2.0]], True)),
+    ("angleInterpolation", ("LElbowRoll", [], [], True)),
+    ("angleInterpolationBezier", (["LElbowRoll"], [[1.0]], [0.5])),
+    ("closeHand", ("LElbowRoll",)),
     ("angleInterpolationWithSpeed", ("LElbowRoll", float("nan"), 0.5)),
     ("getAngles", (["x" * 100_000], True)),
     ("getLimits", (7,)),

@@ -4,10 +4,12 @@ methods."""
 
 from __future__ import annotations
 
+import itertools
 import math
 import threading
 import time
 from collections.abc import Callable, Sequence
+from operator import itemgetter
 from typing import Any
 
 import qi
@@ -30,6 +32,8 @@ class ALMotion:
         self._board = board
         self._servos = {servo.name: servo for servo in board.robot.servos}
         self._breath: dict[str, bool] = {}
+        self._kills = [0] * len(board.robot.servos)
+        """How often the motions of each servo were killed."""
 
     def getBodyNames(self, name: str) -> list[str]:
         """Returns the names of the joints of a chain, or of all joints if `name` is `Body`."""
@@ -81,31 +85,86 @@ class ALMotion:
     def angleInterpolationWithSpeed(self, names: Any, targetAngles: Any, maxSpeedFraction: float) -> None:
         """Moves joints to `targetAngles` [rad]. Returns when all joints have arrived."""
         servos = self._find(names)
+        kills = list(self._kills)
         self.setAngles(names, targetAngles, maxSpeedFraction)
         wanted = _numbers(targetAngles, len(servos), "angle [rad]", -7.0, 7.0)
         slowest = min(maxSpeedFraction * _limits(servo)[2] for servo in servos)
-        self._wait(servos, wanted, 2.0 + 7.0 / slowest)
+        self._wait(servos, wanted, 2.0 + 7.0 / slowest, kills)
 
     @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic, qi.Dynamic, qi.Bool])
     def angleInterpolation(self, names: Any, angleLists: Any, timeLists: Any, isAbsolute: bool) -> None:
-        """Moves each joint to one target within its time [s] in `timeLists`. Returns when all joints have
-        arrived."""
+        """Moves each joint through its angles [rad], to be at each one at its time [s]. Returns when all
+        joints have arrived.
+
+        `angleLists` and `timeLists` have a number or a list of numbers for each joint; a single joint may
+        have its list alone. Relative angles count from where the joint is commanded at the call. Between two
+        angles a joint moves at constant speed as far as the gate lets it.
+        """
         servos = self._find(names)
-        commanded = self._board.commanded
-        wanted = _numbers(angleLists, len(servos), "angle [rad] (one for each joint)", -7.0, 7.0)
-        if not isAbsolute:
-            wanted = [commanded[s.index] + change for s, change in zip(servos, wanted, strict=True)]
-        times = _numbers(timeLists, len(servos), "time [s]", 1e-3, 600.0)
-        speeds = [
-            max(abs(angle - commanded[servo.index]) / duration, 1e-3)
-            for servo, angle, duration in zip(servos, wanted, times, strict=True)
+        angles = _lists(angleLists, len(servos), "angles [rad]", -7.0, 7.0)
+        times = _lists(timeLists, len(servos), "times [s]", 1e-3, 600.0)
+        for servo, keys, moments in zip(servos, angles, times, strict=True):
+            rising = all(a < b for a, b in itertools.pairwise(moments))
+            if len(keys) != len(moments) or not rising:
+                raise ValueError(
+                    f"{servo.name}: {len(keys)} angles at the times {str(moments)[:80]}; valid: a time for "
+                    "each angle, in rising order"
+                )
+        commanded, kills = self._board.commanded, list(self._kills)
+        steps: list[tuple[float, Servo, float, float]] = []
+        ends = []
+        for servo, keys, moments in zip(servos, angles, times, strict=True):
+            here, now = commanded[servo.index], 0.0
+            origin = 0.0 if isAbsolute else here
+            for key, moment in zip(keys, moments, strict=True):
+                speed = max(abs(origin + key - here) / (moment - now), 1e-3)
+                steps.append((now, servo, origin + key, speed))
+                here, now = origin + key, moment
+            ends.append(here)
+        begin = time.monotonic()
+        steps.sort(key=itemgetter(0))
+        for now, together in itertools.groupby(steps, key=itemgetter(0)):
+            while (left := begin + now - time.monotonic()) > 0.0:
+                time.sleep(min(left, 0.01))
+            if self._killed(servos, kills):
+                return
+            _, moved, targets, speeds = zip(*together, strict=True)
+            self._board.move(moved, targets, speeds)
+        self._wait(servos, ends, 2.0 + max(moments[-1] for moments in times), kills)
+
+    @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic, qi.Dynamic])
+    def angleInterpolationBezier(self, jointNames: Any, times: Any, controlPoints: Any) -> None:
+        """Moves each joint through the angles [rad] of its control points. The tangents of the curve are left
+        out: between two angles a joint moves at constant speed."""
+        lists = controlPoints if isinstance(controlPoints, list | tuple) else [controlPoints]
+        if not all(isinstance(points, list | tuple) and points for points in lists):
+            raise ValueError(f"controlPoints {str(lists)[:80]}; valid: a list of [angle, in, out] per joint")
+        angles = [
+            [point[0] if isinstance(point, list | tuple) and point else point for point in points]
+            for points in lists
         ]
-        self._board.move(servos, wanted, speeds)
-        self._wait(servos, wanted, 2.0 + max(times))
+        self.angleInterpolation(jointNames, angles, times, True)
+
+    def openHand(self, handName: str) -> None:
+        """Opens `LHand` or `RHand`. Returns when the hand is open."""
+        self._hand(handName, 1)
+
+    def closeHand(self, handName: str) -> None:
+        """Closes `LHand` or `RHand`. Returns when the hand is closed."""
+        self._hand(handName, 0)
+
+    def _hand(self, name: str, limit: int) -> None:
+        hands = [servo for servo in ("LHand", "RHand") if servo in self._servos]
+        if name not in hands:
+            valid = ", ".join(hands) or "none, this robot has no hands"
+            raise ValueError(f"hand {str(name)[:40]!r}; valid: {valid}")
+        self.angleInterpolationWithSpeed(name, _limits(self._servos[name])[limit], 1.0)
 
     def killTasksUsingResources(self, resourceNames: Any) -> None:
-        """Stops joints at their present angles."""
+        """Stops joints at their present angles, and ends the motions that wait for them."""
         servos, here = self._find(resourceNames), self._board.measured
+        for servo in servos:
+            self._kills[servo.index] += 1
         movable = [servo for servo in servos if servo.limits.velocity is not None]
         self._board.move(movable, [here[s.index] for s in movable], [_limits(s)[2] for s in movable])
 
@@ -157,11 +216,20 @@ class ALMotion:
                 found += chain
         return found
 
-    def _wait(self, servos: Sequence[Servo], wanted: Sequence[float], longest: float) -> None:
+    def _killed(self, servos: Sequence[Servo], kills: Sequence[int]) -> bool:
+        """Returns True if a motion of one of the servos was killed since `kills` was read."""
+        return any(self._kills[servo.index] != kills[servo.index] for servo in servos)
+
+    def _wait(
+        self, servos: Sequence[Servo], wanted: Sequence[float], longest: float, kills: Sequence[int]
+    ) -> None:
+        """Returns when the servos are where they are wanted, or when their motion was killed."""
         end = time.monotonic() + longest
         while time.monotonic() < end:
             here = self._board.measured
             if all(abs(here[s.index] - w) < SETTLED for s, w in zip(servos, wanted, strict=True)):
+                return
+            if self._killed(servos, kills):
                 return
             time.sleep(0.01)
         raise RuntimeError(
@@ -282,3 +350,17 @@ def _numbers(values: Any, count: int, what: str, lowest: float, highest: float) 
     if not valid:
         raise ValueError(f"{what} {str(values)[:80]}; valid: {count} numbers of {lowest:g} to {highest:g}")
     return [float(value) for value in given]
+
+
+def _lists(values: Any, count: int, what: str, lowest: float, highest: float) -> list[list[float]]:
+    """Returns a list of numbers for each of `count` joints, of which a single one may have its list alone; a
+    number stands for a list of one, and a single number for all joints. Raises ValueError as `_numbers`."""
+    given = list(values) if isinstance(values, list | tuple) else [values] * count
+    if count == 1 and not any(isinstance(value, list | tuple) for value in given):
+        given = [given]
+    if len(given) != count:
+        raise ValueError(f"{len(given)} lists of {what}; valid: {count}, one for each joint")
+    lists = [list(value) if isinstance(value, list | tuple) else [value] for value in given]
+    if not all(1 <= len(one) <= LONGEST for one in lists):
+        raise ValueError(f"{what} {str(values)[:80]}; valid: 1 to {LONGEST} for each joint")
+    return [_numbers(one, len(one), what, lowest, highest) for one in lists]

@@ -35,6 +35,8 @@ class SoftArm:
     """Time [s] of the last touch of its hand."""
     target: Array
     """Where it was led (n,) [rad]."""
+    let_go: bool = False
+    """It gets stiff in this step, and is still claimed for that."""
 
 
 SoftArms = Mapping[str, SoftArm]
@@ -78,6 +80,7 @@ class SoftHands(Capability[SoftArms]):
         }
         for arm in body.parts("arm"):
             before, here = memory.get(arm), perception.posture[arm]
+            before = None if before is not None and before.let_go else before
             if arm in touched and np.any(body.has_joint(arm)):
                 after[arm] = SoftArm(now, here if before is None else before.target)
             elif before is not None and now - before.since < self.quiet:
@@ -85,6 +88,7 @@ class SoftHands(Capability[SoftArms]):
             if before is None and arm in after:
                 orders += [SwitchMode(arm, Mode.IMPEDANCE), _stiffness(arm, here.size, self.softness)]
             elif before is not None and arm not in after:
+                after[arm] = replace(before, let_go=True)
                 orders += [SwitchMode(arm, Mode.POSITION), _stiffness(arm, here.size, 1.0)]
             elif arm in after and np.abs(here - after[arm].target).max() > FOLLOWS:
                 after[arm] = replace(after[arm], target=here)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,8 +12,14 @@ from tci.errors import TciError
 from tci.messages import GenericCommand, Mode, Perception
 from tci.messages.frames import read_only
 
-SwayMemory = tuple[float, int]
-"""When the sway began [s], and how many times it has turned."""
+
+@dataclass(frozen=True, slots=True)
+class SwayMemory:
+    began: float
+    """[s]."""
+    turned: int
+    """How many times."""
+    arms: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -36,10 +42,11 @@ class Sway(Capability[SwayMemory | None]):
     def step(
         self, memory: SwayMemory | None, perception: Perception, body: GenericBody
     ) -> tuple[tuple[GenericCommand, ...], SwayMemory]:
-        began, turned = memory or (perception.stamp, 0)
-        due = 1 + int((perception.stamp - began) / self.turn)
-        if due <= turned:
-            return (), (began, turned)
+        arms = tuple(arm for arm in body.parts("arm") if np.any(body.has_joint(arm)))
+        memory = memory or SwayMemory(perception.stamp, 0, arms)
+        due = 1 + int((perception.stamp - memory.began) / self.turn)
+        if due <= memory.turned:
+            return (), memory
         way = self.angle * (-1) ** due * np.array([1.0, 0.0, 0.0, 1.0, 0.0])
         orders = [
             GenericCommand(
@@ -48,7 +55,10 @@ class Sway(Capability[SwayMemory | None]):
                 read_only(body.robot.part(arm).initial_posture + way),
                 2.0 * self.angle / self.turn,
             )
-            for arm in body.parts("arm")
-            if np.any(body.has_joint(arm))
+            for arm in memory.arms
         ]
-        return tuple(orders), (began, due)
+        return tuple(orders), replace(memory, turned=due)
+
+    def claims(self, memory: SwayMemory | None) -> frozenset[str]:
+        """Both arms, from the first step on."""
+        return frozenset(() if memory is None else memory.arms)

@@ -379,6 +379,15 @@ def test_an_import_tells_what_it_used_and_left_out(tmp_path: Path) -> None:
         "position channels of 9 joints, in place of OFFSET",
     ]
     assert told["left_out"] == ["bending of the wrists", "motion of 2 other joints: 'Hips', 'Spine'"]
+    fingers = "".join(f"JOINT finger{n}\n{{\nOFFSET 0 1 0\n}}\n" for n in range(40))
+    text = (tmp_path / "wave.bvh").read_text().replace("End Site", f"{fingers}End Site", 1)
+    (tmp_path / "wave.bvh").write_text(text)
+    (tmp_path / "wave.csv").unlink()
+    said = " ".join(CliRunner().invoke(app, words[:-1]).stdout.split())
+    assert "used: the zero pose of the skeleton as the rest pose" in said
+    assert "left out: motion of 42 other joints: 'Hips', 'Spine', 'finger0'," in said
+    assert "... (all: --json)" in said
+    assert "'finger39'" not in said
 
 
 def test_a_rest_pose_before_the_motion_is_left_out(tmp_path: Path) -> None:

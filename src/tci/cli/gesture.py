@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from tci.messages.frames import Array
     from tci.robot.description import Robot
 
+TOLD = 250
+"""Length [characters] of the longest sentence about an imported file. Assumed: three lines of a terminal."""
 app = typer.Typer(
     help="Record a gesture on one robot, and play the gesture on another robot.", no_args_is_help=True
 )
@@ -206,11 +208,15 @@ def load(path: Path) -> Imported:
 
 
 def _tell(imported: Imported) -> None:
+    """Prints what became of the file. Lists of tens of joints are cut off; `--json` has them whole."""
     from tci.cli.console import console
 
     for title, what in (("used", imported.used), ("left out", imported.left_out)):
         for words in what:
-            console.print(f"  {title}: {words}", highlight=False, markup=False)
+            begin = (
+                words if len(words) <= TOLD else f"{words[: words.rfind(', ', 0, TOLD)]}, ... (all: --json)"
+            )
+            console.print(f"  {title}: {begin}", highlight=False, markup=False)
 
 
 def _announce(robot: Robot, gesture: Gesture, fitted: Fitted) -> None:

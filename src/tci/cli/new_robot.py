@@ -113,6 +113,7 @@ def new_robot(
     """
     from tci.cli.check import remarks
     from tci.cli.skin_find import pads_as_json
+    from tci.lab.authoring.assumed_limits import assumed_limits
     from tci.lab.authoring.check_skin import spans
     from tci.lab.authoring.find_pads import find_pads
     from tci.lab.authoring.left_out import left_out
@@ -163,9 +164,10 @@ def new_robot(
             target.with_name(f"{pad.name}.csv").write_text(table_of(pad), encoding="utf-8")
     target.write_text(text, encoding="utf-8")
     robot = read_robot(target)
-    found, notes = _found(robot), [*left_out(robot), *assumed_skins(robot), *spans(robot), *remarks(robot)]
+    found, assumed = _found(robot), assumed_limits(robot)
+    notes = [*left_out(robot), *assumed_skins(robot), *spans(robot), *remarks(robot)]
     if as_json:
-        about = {"robot": name, "file": str(target), "found": found, "remarks": notes}
+        about = {"robot": name, "file": str(target), "found": found, "assumed": assumed, "remarks": notes}
         print_json({**about, "skin": pads_as_json(pads)})
         return
     console.print(f"wrote {target}", style="green", highlight=False, markup=False)
@@ -173,6 +175,8 @@ def new_robot(
         console.print(f"  {line}", highlight=False, markup=False)
     for line in pads.lines() if pads.pads or pads.left_out else ():
         console.print(f"  {line}", highlight=False, markup=False)
+    for line in assumed:
+        console.print(f"  assumed: {line}", style="yellow", highlight=False, markup=False)
     for note in notes:
         console.print(f"  note: {note}", style="yellow", highlight=False, markup=False)
     console.print(

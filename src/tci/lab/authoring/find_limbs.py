@@ -6,6 +6,7 @@ arms from legs.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, permutations
@@ -17,7 +18,7 @@ from tci.errors import DescriptionError, Fault
 from tci.lab.authoring.find_legs import Leg, find_legs
 from tci.lab.authoring.joint_tree import Joint, ancestors, beside_median, carried, read_joints
 from tci.lab.authoring.limb import Limb, limb_at
-from tci.lab.authoring.limb_kind import Pair, Vote, hangs_as, is_named_so, listed, named_as
+from tci.lab.authoring.limb_kind import Pair, Vote, hangs_as, is_named_as, is_named_so, listed, named_as
 from tci.lab.authoring.link_points import LinkPoints
 from tci.messages.frames import Array, rotation_x, rotation_z
 from tci.robot.description import Model
@@ -29,6 +30,10 @@ MIRRORED = 0.025
 """Largest distance at which two places count as equal: a left limb and the mirror image of the right limb, or
 a neck's axis and the median plane. The distance is a fraction of the extent of all joints. Assumed: larger
 than asymmetries of CAD models, smaller than the length of a limb."""
+
+ENDLESS = 720.0
+"""Range [rad] above which a joint counts as one without a range; below it may be written in degrees."""
+SPINS = re.compile(r"(?i)lidar|laser|hokuyo|velodyne|ouster|livox|spin|scan|rotor|wheel|prop")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,6 +54,8 @@ class FoundLimbs:
     root is its torso."""
     head: tuple[int, ...]
     """Joints from the torso to the head."""
+    devices: tuple[int, ...]
+    """Joints that turn without end where the head's joints are, such as the spindle of a laser."""
     R_RH: Array
     """Rotation (3, 3) of the frame H (x forward, y left, z up) in the model's root frame R."""
     T_ET: Array
@@ -115,7 +122,10 @@ def find_limbs(model: Model, points: LinkPoints, *, arms: tuple[str, str] | None
         pose[:3, 3] = R_EH[:, 1] * (median - float(R_RH[:, 1] @ data.xpos[compiled.body(torso).id]))
     used = {*own, *(joint for leg in legs.values() for joint in carried(joints, leg.chain[0]))}
     shoulder = min(float(limb.centre[2]) for limb in found.values())
-    head = _median_chain(centred, trunk, used, above=shoulder - 0.1 * extent_of(joints))
+    above = shoulder - 0.1 * extent_of(joints)
+    devices = _devices(compiled, joints, found, {*trunk, *used})
+    spun = {one for device in devices for one in carried(joints, device)}
+    head = _median_chain(centred, trunk, {*used, *spun}, above=above)
     below = False
     if not trunk and legs:
         lines = [ancestors(joints, leg.chain[0])[1:] for leg in legs.values()]
@@ -129,6 +139,7 @@ def find_limbs(model: Model, points: LinkPoints, *, arms: tuple[str, str] | None
         trunk=trunk,
         trunk_below=below,
         head=head,
+        devices=devices,
         R_RH=R_RH,
         T_ET=pose,
     )
@@ -315,6 +326,26 @@ def _shared_link(model: mujoco.MjModel, bodies: list[int], path: str) -> str:
         )
         raise DescriptionError(path, [Fault(0, message)])
     return str(model.body(shared).name)
+
+
+def _devices(
+    model: mujoco.MjModel, joints: Sequence[Joint], arms: Mapping[str, Limb], used: set[int]
+) -> tuple[int, ...]:
+    """The joints without a range outside `used`, in a model whose elbows have ranges: where a maker tells
+    ranges, only a spindle or a wheel turns without end, and no neck does. One that is named as a neck stays,
+    unless it is also named as a device."""
+
+    def endless(place: int) -> bool:
+        joint = model.joint(joints[place].name)
+        return not model.jnt_limited[joint.id] or float(np.abs(joint.range).max()) > ENDLESS
+
+    if any(endless(limb.bend) for limb in arms.values()):
+        return ()
+    names = [joint.name for joint in joints]
+    return tuple(
+        place for place, name in enumerate(names)
+        if place not in used and endless(place) and (not is_named_as("head", name) or SPINS.search(name))
+    )  # fmt: skip
 
 
 def _median_chain(

@@ -64,6 +64,9 @@ class JointFacts:
     """True for a joint whose range is a single angle."""
     friction: float = 0.0
     """Torque [N m] of dry friction."""
+    assumed: tuple[str, ...] = ()
+    """Fields of `Limits` for which these figures are not the file's own, but mended or those of the other
+    side."""
     damping: float = 0.0
     """Viscous damping [N m s/rad]: torque against the motion, divided by speed."""
 
@@ -108,7 +111,7 @@ def proposed_limits(given: JointFacts, inertia: float, *, of_finger: bool = Fals
     Assumed values replace missing values and placeholders in the file. `inertia` [kg m2] is the largest
     inertia that the joint carries.
     """
-    assumed = ["acceleration", "jerk"]
+    assumed = ["acceleration", "jerk", *given.assumed]
     lower, upper = given.lower, given.upper
     if not lower < upper or max(-lower, upper) > 2.0 * np.pi:
         lower, upper = -np.pi, np.pi

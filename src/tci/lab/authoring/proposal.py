@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from tci.errors import DescriptionError, Fault
+from tci.lab.authoring.assumed_limits import mended, twins_of
 from tci.lab.authoring.find_limbs import FoundLimbs, find_limbs
 from tci.lab.authoring.find_pads import Pad
 from tci.lab.authoring.hand_skin import hand_skin
@@ -22,6 +23,7 @@ from tci.lab.authoring.joint_facts import (
     proposed_limits,
     read_facts,
 )
+from tci.lab.authoring.joint_tree import ancestors
 from tci.lab.authoring.link_points import LinkPoints
 from tci.lab.authoring.pad_patches import pad_patches
 from tci.lab.authoring.proposed_arm import Sign, arm, elbow_senses
@@ -70,7 +72,7 @@ def propose(
         "torso_xyz": tuple(round(float(place), 6) for place in xyz),
     }
     model = model.model_copy(update=frame)
-    facts = read_facts(model, points.compiled)
+    facts = mended(read_facts(model, points.compiled), twins_of(body))
     hands = find_hands(body, facts, points, str(path), trust=trust_fingers)
     servos = with_followers(_servos(body, facts, points, hands), body, facts, hands)
     index = {servo.joint: servo.index for servo in servos}
@@ -133,7 +135,8 @@ def _servos(
     for limb in body.arms.values():
         needed |= {*limb.ball, limb.bend, *wrist(body, limb), *([] if limb.turn is None else [limb.turn])}
     able = driven(body.joints, facts, needed)
-    groups: dict[str, Iterable[int]] = {"torso": body.trunk[::-1], "head": body.head}
+    on_head = [one for one in body.devices if set(body.head) & set(ancestors(body.joints, one))]
+    groups: dict[str, Iterable[int]] = {"torso": body.trunk[::-1], "head": [*body.head, *on_head]}
     groups |= {f"{side}_arm": body.behind(_first(body, limb.ball[0])) for side, limb in body.arms.items()}
     groups |= {f"{side}_leg": body.behind(found.chain[0]) for side, found in body.legs.items()}
     named = {joint for group in groups.values() for joint in group}

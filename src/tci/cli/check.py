@@ -22,6 +22,7 @@ PROVED = {
     "described": "proved in simulation",
     "assumed": "proved on assumed skin",
     "none": "axes and limits proved in simulation; it has no skin to touch",
+    "unanswered": "axes and limits proved in simulation; no withdrawal reflex covers any of its skin",
 }
 
 

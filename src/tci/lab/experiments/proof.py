@@ -80,8 +80,9 @@ class Proof:
     """Results of one poke of every patch."""
     faults: tuple[str, ...]
     """Faults, one sentence each. Each sentence contains the valid values."""
-    skin: Literal["described", "assumed", "none"] = "described"
-    """What the touches were tested on: "assumed" if any of it is, "none" for a robot without skin."""
+    skin: Literal["described", "assumed", "none", "unanswered"] = "described"
+    """What the touches were tested on: "assumed" if any of it is, "none" for a robot without skin,
+    "unanswered" if the reflexes cover none of its skin."""
     without_skin: tuple[str, ...] = ()
     """Parts without skin, on which no touch was tried."""
 
@@ -152,14 +153,16 @@ def prove(
         tuple(trials),
         tuple(patches),
         tuple(faults),
-        _skin(robot),
+        _skin(robot, answered=any(one.responded for one in trials) or any(one.answered for one in patches)),
         without_skin(robot),
     )
 
 
-def _skin(robot: Robot) -> Literal["described", "assumed", "none"]:
+def _skin(robot: Robot, *, answered: bool) -> Literal["described", "assumed", "none", "unanswered"]:
     if not robot.patches:
         return "none"
+    if not answered:
+        return "unanswered"
     return "assumed" if any(patch.assumed for patch in robot.patches) else "described"
 
 

@@ -63,6 +63,16 @@ def test_empty_lines_and_spaces_in_a_csv_are_passed_over(tmp_path: Path) -> None
     assert read_csv(tmp_path / "g.csv")[0].times.tolist() == [0.0, 1.0]
 
 
+@pytest.mark.parametrize("mark", [";", "\t"])
+def test_a_csv_of_a_spreadsheet_with_decimal_commas_is_read(tmp_path: Path, mark: str) -> None:
+    text = "time_s;head.yaw_deg;head.pitch_deg\n0;1,5;-2\n0,5;2;3,25e1\n".replace(";", mark)
+    (tmp_path / "g.csv").write_text(text)
+    gesture, names = read_csv(tmp_path / "g.csv")
+    assert gesture.times.tolist() == [0.0, 0.5]
+    assert names == {"head": ["yaw", "pitch"]}
+    np.testing.assert_allclose(np.rad2deg(gesture.postures["head"]), [[1.5, -2.0], [2.0, 32.5]])
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [

@@ -15,6 +15,8 @@ from tci.robot.xml.document import refuse, shown
 
 TIME = "time_s"
 UNIT = "_deg"
+MARKS = (",", ";", "\t")
+"""Marks between two columns. Spreadsheets of countries with a decimal comma write the other two."""
 
 
 def write_csv(gesture: Gesture, path: Path, names: dict[str, list[str]]) -> None:
@@ -42,11 +44,14 @@ def read_csv(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
     source = str(path)
     lines = read_lines(path)
     try:
-        head = next(csv.reader([lines[0][1]] if lines else []), [])
+        first = lines[0][1] if lines else ""
+        mark = next((mark for mark in MARKS if mark in first), MARKS[0])
+        head = next(csv.reader([first], delimiter=mark), [])
     except csv.Error as error:
         raise refuse(source, 0, f"is no CSV: {error}") from error
     names = _names(source, [column.strip(" \t") for column in head])
-    numbers = read_rows(source, lines[1:], len(head), mark=",")
+    rows = lines[1:] if mark == "," else [(line, text.replace(",", ".")) for line, text in lines[1:]]
+    numbers = read_rows(source, rows, len(head), mark=mark)
     postures, begin = {}, 1
     for part, joints in names.items():
         end = begin + len(joints)

@@ -21,7 +21,7 @@ from tci.drivers.remote.protocol import SessionFrame
 from tci.messages import SkinFrame
 from tci.wires.lcm import encoding as remote_lcm
 from tci.wires.lcm.driver import _Bus
-from tci.wires.player.wire import OPAQUE, STATE, Kind, Message, Stream, blob, to_blob
+from tci.wires.player.wire import OPAQUE, STATE, Message, MessageKind, Stream, blob, to_blob
 from tci.wires.ros.messages import BYTES, NO_LAYOUT
 from tci.wires.ros.node import RosNode
 from tci.wires.ros.ros1 import Ros1Node
@@ -104,7 +104,7 @@ def over_player(where: str, there: bool) -> Ways:
     sock = socket.create_server(address).accept()[0] if there else _dial(address)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     stream = Stream()
-    kind = Kind.DATA if there else Kind.COMMAND
+    kind = MessageKind.DATA if there else MessageKind.COMMAND
 
     def receive() -> Iterator[bytes]:
         sock.setblocking(False)

@@ -68,7 +68,7 @@ def test_the_demo_writes_table_picture_and_report_and_ends_in_the_viewer(tmp_pat
     assert "Traceback" not in ended(run)
     assert "10 of 10 pokes answered by the reflex; the arm left the finger in 10" in text
     report = json.loads((tmp_path / "report.json").read_text())
-    assert report.keys() == {"trials", "same_stimulus", "same_touch"}
+    assert report.keys() == {"trials", "same_stimulus", "same_touch", "compared"}
     assert {
         "robot", "side", "site", "taxels", "responded", "trigger_ms", "first_motion_ms", "contact_lost_ms",
         "peak_force_n", "cop_error_mm", "withdrawn_mm", "withdrawn_without_reflex_mm", "limit_violations",

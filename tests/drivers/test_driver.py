@@ -250,7 +250,7 @@ def test_32_a_reader_that_was_away_gets_the_latest_and_no_backlog(driver: Driver
     driver.clock.sleep_until(driver.clock.now() + 0.8)
     reading, now = driver.read(), driver.clock.now()
     assert abs(now - reading.joints.stamp) <= driver.gate.stale_after
-    assert reading.joints.sequence > before + 10
+    assert reading.joints.sequence > before + 5  # a slow skin sends ten frames per second
     assert driver.read().joints.sequence - reading.joints.sequence <= 100
 
 

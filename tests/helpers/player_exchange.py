@@ -22,7 +22,7 @@ from collections import Counter
 
 from helpers import TESTS
 from helpers.rosbridge_exchange import narrow
-from tci.wires.player.wire import GREETING, PLAYER, SUBSCRIBE, Kind, Message, Stream, to_access
+from tci.wires.player.wire import GREETING, PLAYER, SUBSCRIBE, Message, MessageKind, Stream, to_access
 
 MOST_DATA = 20
 """Largest number of recorded data messages of each device."""
@@ -44,7 +44,7 @@ def read(data: bytes) -> Message:
 
 def gist(message: Message) -> tuple[object, ...]:
     """Returns a message without times and port numbers. For a command, returns only its length."""
-    body: object = len(message.body) if message.kind == Kind.COMMAND else message.body
+    body: object = len(message.body) if message.kind == MessageKind.COMMAND else message.body
     if (message.interface, message.subtype) == (PLAYER, SUBSCRIBE):
         body = to_access(message.body)
     return message.interface, message.index, message.kind, message.subtype, body
@@ -83,9 +83,9 @@ class RecordedServer:
         greeting = next(data for _, who, data in lines if who == "server")
         self.send(greeting)
         messages = [(t, who, read(data)) for t, who, data in lines if data != greeting]
-        asked = [gist(m) for _, who, m in messages if who == "client" and m.kind == Kind.REQUEST]
-        answers = [m for _, _, m in messages if m.kind == Kind.ACK]
-        data = [(t, m) for t, who, m in messages if who == "server" and m.kind == Kind.DATA]
+        asked = [gist(m) for _, who, m in messages if who == "client" and m.kind == MessageKind.REQUEST]
+        answers = [m for _, _, m in messages if m.kind == MessageKind.ACK]
+        data = [(t, m) for t, who, m in messages if who == "server" and m.kind == MessageKind.DATA]
         self._threads.append(threading.Thread(target=self._publish, args=(data,), daemon=True))
         self._threads[-1].start()
         stream = Stream()
@@ -93,7 +93,7 @@ class RecordedServer:
             while chunk := self._connection.recv(4096):
                 for message in stream.feed(chunk):
                     self.heard.append(message)
-                    if message.kind == Kind.REQUEST:
+                    if message.kind == MessageKind.REQUEST:
                         self.send(answers[asked.index(gist(message))].to_bytes())
         except OSError:
             return
@@ -150,8 +150,10 @@ class Tap:
                 data, greeted = data[GREETING:], True
             for message in stream.feed(data):
                 device = message.interface, message.index
-                self._data[device] += message.kind == Kind.DATA
-                if message.kind != Kind.DATA or (self.name == "client" and self._data[device] <= MOST_DATA):
+                self._data[device] += message.kind == MessageKind.DATA
+                if message.kind != MessageKind.DATA or (
+                    self.name == "client" and self._data[device] <= MOST_DATA
+                ):
                     self._keep(who, message.to_bytes())
 
     def _keep(self, who: str, data: bytes) -> None:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from tci.capabilities.soft_reaction import Posture as Posture
     from tci.capabilities.soft_reaction import SoftReaction as SoftReaction
     from tci.capabilities.sway import Sway as Sway
+    from tci.capabilities.sway import SwayMemory as SwayMemory
     from tci.capabilities.withdrawal import Answer as Answer
     from tci.capabilities.withdrawal import Response as Response
     from tci.capabilities.withdrawal import WithdrawalReflex as WithdrawalReflex

@@ -15,6 +15,8 @@ from tci.messages.frames import read_only
 
 @dataclass(frozen=True, slots=True)
 class SwayMemory:
+    """How far a sway is."""
+
     began: float
     """[s]."""
     turned: int

@@ -25,8 +25,10 @@ def film(
     end: End = float("inf"),
     as_json: AsJson = False,
 ) -> None:
-    """Film a recording of a real or simulated robot in slow motion (3x): its posture and the pressure on its
-    skin. What touched it is not in a recording, so it is not drawn.
+    """Film a recording in slow motion (3x).
+
+    The film shows the posture of the robot and the pressure on its skin. What touched it is not in a
+    recording, so it is not drawn.
 
     Example:  tci film touch.mcap touch.gif --from 0.2 --to 0.9
     """

@@ -24,8 +24,9 @@ def touches(
     place: Annotated[str, typer.Option(help="With --measure: where to touch.")] = "left forearm",
     as_json: AsJson = False,
 ) -> None:
-    """List the kinds of touches, and the places of ROBOT that have skin, in the words of tci run --touch and
-    of the files for tci run --touches.
+    """List the kinds of touches, and the places of ROBOT that have skin.
+
+    The words are those of tci run --touch and of the files for tci run --touches.
 
     Example:  tci touches nao
 

@@ -18,7 +18,7 @@ MOVED = np.deg2rad(0.5)
 
 
 @dataclass(slots=True)
-class Touch:
+class RecordedTouch:
     """One touch of one part."""
 
     part: str
@@ -78,14 +78,14 @@ class Touch:
         }
 
 
-def find_touches(periods: Iterable[Perceived]) -> list[Touch]:
+def find_touches(periods: Iterable[Perceived]) -> list[RecordedTouch]:
     """Returns all touches, in the order of their first contacts.
 
     If a part other than the touched one was commanded immediately before the touch, for example in a gesture,
     the commands and the motion of that part do not count as a response.
     """
-    found: list[Touch] = []
-    last: dict[str, Touch] = {}
+    found: list[RecordedTouch] = []
+    last: dict[str, RecordedTouch] = {}
     start: dict[str, Mapping[str, Array]] = {}
     before: set[str] = set()
     busy: dict[str, set[str]] = {}
@@ -98,7 +98,7 @@ def find_touches(periods: Iterable[Perceived]) -> list[Touch]:
         for part, force in forces.items():
             touch = last.get(part)
             if touch is None or period.now - touch.ended > PAUSE:
-                touch = last[part] = Touch(part, patches[part], period.now, period.now)
+                touch = last[part] = RecordedTouch(part, patches[part], period.now, period.now)
                 start[part], busy[part] = period.perception.posture, before - {part}
                 found.append(touch)
             touch.ended = period.now

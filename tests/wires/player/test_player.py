@@ -31,7 +31,7 @@ from tci.wires.player import wire
 from tci.wires.player.client import parse
 from tci.wires.player.driver import FRAMES, STATES
 from tci.wires.player.server import MOST_OWED, PlayerServer
-from tci.wires.player.wire import ACTARRAY, OPAQUE, Kind, Message, Stream
+from tci.wires.player.wire import ACTARRAY, OPAQUE, Message, MessageKind, Stream
 from yarpwire.outgoing import is_readable
 
 DECODERS = (wire.to_floats, wire.to_blob, wire.to_actuators, wire.to_devices, wire.to_access)
@@ -89,7 +89,7 @@ def test_31_35_what_does_not_fit_is_counted_or_ends_the_connection(server: Recor
         ):
             now += 1.0
             before = driver.rejected
-            damaged = Message(interface, index, Kind.DATA, 1, now, body).to_bytes()
+            damaged = Message(interface, index, MessageKind.DATA, 1, now, body).to_bytes()
 
             def disturb(damaged: bytes = damaged) -> None:  # only the latest message of a device is used
                 server.send(damaged)
@@ -117,13 +117,13 @@ def play(port: int) -> list[tuple[int, Message]]:
     recorded = [(who, data) for _, who, data in said("server")]
     connections = sum(data.startswith(b"Player v.") for _, data in recorded)
     for number, (_, data) in enumerate(recorded):
-        if data.startswith(b"Player v.") or read(data).kind != Kind.REQUEST:
+        if data.startswith(b"Player v.") or read(data).kind != MessageKind.REQUEST:
             continue
         with socket.create_connection(("127.0.0.1", port), timeout=10.0) as connection:
             assert connection.recv(32).startswith(b"Player v.3")
             connection.sendall(data)
             stream = Stream()
-            while not (got := [m for m in stream.feed(connection.recv(4096)) if m.kind != Kind.DATA]):
+            while not (got := [m for m in stream.feed(connection.recv(4096)) if m.kind != MessageKind.DATA]):
                 pass
             found.append((number, got[0]))
     assert connections >= 2
@@ -150,11 +150,11 @@ def test_the_server_answers_as_the_genuine_client_understood_and_obeys_it() -> N
         thread.start()
         wait(lambda: serve(server, duration=0.02, clock=driver.clock), lambda: not thread.is_alive())
         recorded = [read(data) for _, who, data in said("server") if not data.startswith(b"Player v.")]
-        expected = [m.body for m in recorded if m.kind == Kind.ACK and m.subtype == wire.SUBSCRIBE]
+        expected = [m.body for m in recorded if m.kind == MessageKind.ACK and m.subtype == wire.SUBSCRIBE]
         got = [m.body for _, m in answers]
         assert {wire.to_access(body) for body in expected} <= {wire.to_access(body) for body in got}
         assert {len(body) for body in got} == {len(body) for body in expected}
-        commands = [m for m in recorded if m.kind == Kind.COMMAND]
+        commands = [m for m in recorded if m.kind == MessageKind.COMMAND]
         assert len(commands) > 10
         with socket.create_connection(("127.0.0.1", server.port)) as connection:
             rest = iter(commands)
@@ -187,9 +187,9 @@ def test_36_a_taken_port_and_others_are_told() -> None:
 @pytest.mark.parametrize(
     ("request_", "times"),
     [
-        (Message(OPAQUE, STATES, Kind.REQUEST, wire.FACTS, 0.0, b""), 1000),
-        (Message(wire.PLAYER, 0, Kind.REQUEST, wire.DEVLIST, 0.0, b""), 12_000),
-        (Message(wire.PLAYER, 0, Kind.REQUEST, 99, 0.0, b""), 40_000),
+        (Message(OPAQUE, STATES, MessageKind.REQUEST, wire.FACTS, 0.0, b""), 1000),
+        (Message(wire.PLAYER, 0, MessageKind.REQUEST, wire.DEVLIST, 0.0, b""), 12_000),
+        (Message(wire.PLAYER, 0, MessageKind.REQUEST, 99, 0.0, b""), 40_000),
     ],
     ids=["facts", "devices", "nonsense"],
 )
@@ -278,7 +278,9 @@ def test_31_mutated_bytes_are_messages_or_refused() -> None:
                 stranger.sendall(bytes(raw))
             list(server._poll())
         with socket.create_connection(("127.0.0.1", server.port), timeout=10.0) as connection:
-            connection.sendall(Message(wire.PLAYER, 0, Kind.REQUEST, wire.DEVLIST, 0.0, b"").to_bytes())
+            connection.sendall(
+                Message(wire.PLAYER, 0, MessageKind.REQUEST, wire.DEVLIST, 0.0, b"").to_bytes()
+            )
             wait(lambda: list(server._poll()), lambda: len(server._clients) > 0)
             list(server._poll())
             assert connection.recv(32).startswith(b"Player v.3")

@@ -21,7 +21,7 @@ from tci.lab.pictures.paint import FIELD_COLOURS, PRESSURE_COLOURS
 from tci.messages import JointReading
 from tci.messages.frames import Array
 from tci.recording.perceived import Perceived
-from tci.recording.touches import Touch, find_touches
+from tci.recording.touches import RecordedTouch, find_touches
 from tci.robot.description import Robot
 from tci.robot.generic_arm import JOINTS, SEGMENTS
 from tci.robot.joint_map import generic_posture
@@ -53,7 +53,7 @@ class Series:
     """Largest pressure (taxels,) [Pa] of each patch during the recording."""
     joints: JointReading
     """Reading of the joints at the first touch."""
-    touches: tuple[Touch, ...]
+    touches: tuple[RecordedTouch, ...]
     """Touches of all parts."""
 
 

@@ -17,7 +17,7 @@ from tci.lab.viewer.view import WINDOW, History, View
 from tci.messages import GenericCommand
 from tci.recording.perceived import Perceived, perceive
 from tci.recording.recording import Recording
-from tci.recording.touches import Touch, find_touches
+from tci.recording.touches import RecordedTouch, find_touches
 from tci.robot.description import Robot
 
 FINEST = 0.01
@@ -63,7 +63,7 @@ class Player:
         self._index = 0
         self._time = self.begin
         self._before: float | None = None
-        self.touches: tuple[Touch, ...]
+        self.touches: tuple[RecordedTouch, ...]
         self.seek(self.begin)
 
     @property

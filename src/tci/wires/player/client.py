@@ -16,8 +16,8 @@ from tci.wires.player.wire import (
     PLAYER,
     PUSH,
     SUBSCRIBE,
-    Kind,
     Message,
+    MessageKind,
     Stream,
     access,
     to_access,
@@ -125,7 +125,7 @@ class Client:
     def command(self, interface: int, index: int, subtype: int, body: bytes) -> bool:
         """Sends a command to a device. Returns True if the command was sent."""
         return self.send(
-            Message(interface, index, Kind.COMMAND, subtype, time.time(), body, robot=self._robot)
+            Message(interface, index, MessageKind.COMMAND, subtype, time.time(), body, robot=self._robot)
         )
 
     def close(self) -> None:
@@ -139,7 +139,7 @@ class Client:
         """Sends a request to the server and returns the answer. Data that arrives before the answer is
         returned by the next call of `poll`. Raises DriverError if the server refuses or does not answer.
         """
-        self.send(Message(PLAYER, 0, Kind.REQUEST, subtype, 0.0, body, robot=self._robot))
+        self.send(Message(PLAYER, 0, MessageKind.REQUEST, subtype, 0.0, body, robot=self._robot))
         end = time.monotonic() + TIMEOUT
         while time.monotonic() < end and not self.lost:
             self._socket.settimeout(max(0.01, end - time.monotonic()))
@@ -152,9 +152,9 @@ class Client:
                 if (
                     message.interface == PLAYER
                     and message.subtype == subtype
-                    and message.kind in (Kind.ACK, Kind.NACK)
+                    and message.kind in (MessageKind.ACK, MessageKind.NACK)
                 ):
-                    if message.kind == Kind.ACK:
+                    if message.kind == MessageKind.ACK:
                         return message
                     raise DriverError(f"{self.where} refuses request {subtype}")
                 self._waiting.append(message)

@@ -29,8 +29,8 @@ from tci.wires.player.wire import (
     OPAQUE,
     POSITIONS,
     STATE,
-    Kind,
     Message,
+    MessageKind,
     blob,
     floats,
     to_actuators,
@@ -131,7 +131,7 @@ class PlayerDriver(RemoteDriver):
 
     def _poll(self) -> Iterator[State | SessionFrame]:
         found = self._client.poll()
-        latest = {m.index: m for m in found if (m.interface, m.kind) == (OPAQUE, Kind.DATA)}
+        latest = {m.index: m for m in found if (m.interface, m.kind) == (OPAQUE, MessageKind.DATA)}
         for message in latest.values():
             try:
                 data = to_blob(message.body)
@@ -172,7 +172,7 @@ class PlayerDriver(RemoteDriver):
         }
         for message in latest.values():
             name = self._devices.get((message.interface, message.index))
-            if name is None or (message.kind, message.subtype) != (Kind.DATA, STATE):
+            if name is None or (message.kind, message.subtype) != (MessageKind.DATA, STATE):
                 continue
             try:
                 self._accept_data(name, message)

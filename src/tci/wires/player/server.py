@@ -43,8 +43,8 @@ from tci.wires.player.wire import (
     POWER,
     STATE,
     SUBSCRIBE,
-    Kind,
     Message,
+    MessageKind,
     Stream,
     access,
     actuators,
@@ -93,7 +93,7 @@ class _Client:
 
         Raises FrameError if too many bytes are queued.
         """
-        if message.kind == Kind.DATA and len(self.out) > MOST_WAITING:
+        if message.kind == MessageKind.DATA and len(self.out) > MOST_WAITING:
             return
         if len(self.out) > MOST_OWED:
             raise FrameError(
@@ -169,7 +169,7 @@ class PlayerServer(RemoteServer):
             with self._drop_on_error(client):
                 if client.asked and self._is_due:
                     client.asked = False
-                    client.send(Message(PLAYER, 0, Kind.SYNCH, 1, time.time(), b"", robot=self.port))
+                    client.send(Message(PLAYER, 0, MessageKind.SYNCH, 1, time.time(), b"", robot=self.port))
                 client.flush()
 
     def close(self) -> None:
@@ -208,7 +208,7 @@ class PlayerServer(RemoteServer):
     def _send_data(self, interface: int, index: int, stamp: float, body: bytes) -> None:
         for client in self._clients:
             if (interface, index) in client.devices:
-                client.send(Message(interface, index, Kind.DATA, STATE, stamp, body, robot=self.port))
+                client.send(Message(interface, index, MessageKind.DATA, STATE, stamp, body, robot=self.port))
 
     def _add_client(self, connection: socket.socket) -> None:
         connection.setblocking(False)
@@ -248,14 +248,14 @@ class PlayerServer(RemoteServer):
                 raise OSError("gone")
             for message in client.stream.feed(data):
                 client.counted.mark_verified()
-                if message.kind == Kind.REQUEST:
+                if message.kind == MessageKind.REQUEST:
                     self._answer(client, message)
-                elif message.kind == Kind.COMMAND:
+                elif message.kind == MessageKind.COMMAND:
                     self._order(message)
 
     def _answer(self, client: _Client, message: Message) -> None:
         body = self._reply(client, message)
-        kind = Kind.NACK if body is None else Kind.ACK
+        kind = MessageKind.NACK if body is None else MessageKind.ACK
         client.send(
             Message(
                 message.interface, message.index, kind, message.subtype, time.time(), body or b"",

@@ -46,7 +46,7 @@ PUSH = 1
 IDLE, MOVING, ROTARY = 1, 2, 2
 
 
-class Kind(IntEnum):
+class MessageKind(IntEnum):
     """Type of a message."""
 
     DATA = 1

@@ -137,7 +137,7 @@ class Handover:
         goal[away] = posture[away]
 
     def step(self, now: float) -> NDArray[np.void]:
-        """Advances the handover to the time `now` [s]. Returns the `TARGET`s (29,) to send."""
+        """Advances the handover to the time `now` [s]. Returns what to send, rows (29,) of `TARGET`."""
         elapsed = min(max(now - self._now, 0.0), LONGEST)
         self._now = now
         if self.phase is Phase.TAKING:

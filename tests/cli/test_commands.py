@@ -154,7 +154,7 @@ def test_what_is_wrong_is_said_at_once_with_what_would_be_valid(
         (["run", "withdrawal", "icub-"], ["icub-hands", "icub-whole"]),
         (["skin", "show", "tal"], ["talos"]),
         (["run", "withd"], ["withdrawal"]),
-        (["view", "--run", "soft"], ["soft-reaction"]),
+        (["view", "--run", "soft"], ["soft-hands", "soft-reaction"]),
         (["run", "withdrawal", "nao", "--via", "ros"], ["ros1", "ros2", "rosbridge"]),
         (["serve", "nao", "--via", "z"], ["zenoh"]),
         (["serve", "nao", "--via", "si"], []),

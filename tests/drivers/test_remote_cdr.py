@@ -121,8 +121,8 @@ def test_31_words_of_others_can_be_printed_and_are_bounded() -> None:
 def test_33_what_many_commanders_are_refused_fits_in_a_state() -> None:
     now = 1.0
     everybody = Commanders(NAO, 7, 1.0, lambda: now)
-    order = PlatformSwitch(np.full(10_000, 99_999), Mode.POSITION)
     for client in range(1, MOST_COMMANDERS + 1):
+        order = PlatformSwitch(np.full(10_000, 99_999), Mode.POSITION)
         everybody.receive(
             dataclasses.replace(ORDERS, session=7, seen=now, client=client, first=1, orders=(order,))
         )

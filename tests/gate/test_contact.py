@@ -68,14 +68,13 @@ class Held:
         return safe.position
 
 
-def pressed(force: float) -> Contacts:
-    """One contact on the skin of the arm."""
-    rows = np.zeros(1, CONTACT)
-    rows["identity"], rows["force"] = 7, force
+def pressed(*forces: float) -> Contacts:
+    """Contacts on the skin of the arm."""
+    rows = np.zeros(len(forces), CONTACT)
+    rows["identity"], rows["force"] = 7 + np.arange(len(forces)), forces
     site = Site("skin", "left_arm", "forearm")
-    return Contacts(
-        (site,), np.zeros(1), np.zeros(1, np.int64), rows, np.zeros(2, np.int64), np.zeros(0, TAXEL)
-    )
+    begin = np.zeros(len(forces) + 1, np.int64)
+    return Contacts((site,), np.zeros(1), np.zeros(1, np.int64), rows, begin, np.zeros(0, TAXEL))
 
 
 def expect(force: float) -> PlatformCommand:
@@ -370,6 +369,28 @@ def test_an_operator_frees_what_a_part_that_stops_holds() -> None:
     assert fastest <= np.deg2rad(10.01)
     assert held.gate.state is GateState.STOP
     held.gate.reset()
+
+
+def test_a_way_back_from_one_contact_does_not_load_another_that_was_there_before() -> None:
+    """A finger pokes the resting arm; on its way from the finger the arm meets a bystander at 0.6 rad."""
+    held = Held(at=10.0)
+
+    def skin() -> Contacts:
+        angle = float(held.angles[2])
+        return pressed(max(0.0, 6.0 + 400.0 * (0.55 - angle)), max(0.0, 400.0 * (angle - 0.6)))
+
+    held.step(position_command([2], [0.5]))
+    for _ in range(1200):
+        held.step()
+    for _ in range(20):
+        held.step(contacts=skin())
+    held.step(position_command([2], [1.5]), contacts=skin())
+    for _ in range(1500):
+        held.step(contacts=skin())
+    assert held.told
+    finger, bystander = (one.force for one in skin())
+    assert bystander <= 15.0
+    assert finger <= 30.0, "not back against the finger: it was 226 N"
 
 
 def test_after_the_clock_went_back_a_contact_still_ends() -> None:

@@ -110,7 +110,6 @@ def _nearest(fields: Any, contact: Any, segment: int) -> int:
 
 
 _FIELDS = reads(1, from_dtype(FIELD))
-_ROOM = writes(2), writes(1)
 _CONTACTS = reads(1, int64), reads(1, from_dtype(CONTACT)), reads(1, int64), reads(1, from_dtype(TAXEL))
 
 
@@ -198,7 +197,7 @@ def _directness(motions: Array, i: int, speeds: Array, away_x: float, away_y: fl
     return out / np.sqrt(x * x + y * y + SLACK * SLACK * size) if out > 0.0 else 0.0
 
 
-@compiled(void(_FIELDS, reads(2), *_CONTACTS, reads(2), *_ROOM, writes(2), writes(1)))
+@compiled(void(_FIELDS, reads(2), *_CONTACTS, reads(2), writes(2), writes(2), writes(1)))
 def blend(
     fields: NDArray[np.void],
     motions: Array,
@@ -207,8 +206,7 @@ def blend(
     begin: NDArray[np.int64],
     taxels: NDArray[np.void],
     postures: Array,
-    speeds: Array,
-    weights: Array,
+    room: Array,
     blends: Array,
     gains: Array,
 ) -> None:
@@ -226,11 +224,11 @@ def blend(
         begin: `Contacts.begin`.
         taxels: `Contacts.taxel_rows`.
         postures: Generic angles (c, 5) [rad] of the touched arm.
-        speeds: Room (4, 2).
-        weights: Room (m,).
+        room: Room (m or 4, 3), whichever is more: for the weights, and beside them the speeds of the joints.
         blends: Output (c, 5): the mixed motion [rad]; 0 where no field has the weight LEAST.
         gains: Output (c,): phi(F) of the field with the largest weight, 0 to 1; 0 without a field.
     """
+    weights, speeds = room[:, 0], room[:4, 1:]
     for c in range(len(contacts)):
         gains[c] = 0.0
         for j in range(motions.shape[1]):

@@ -180,8 +180,8 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
             for row, site in enumerate(sites):
                 angles = posture.get(site.part, INITIAL)
                 postures[row] = angles if angles.size == len(JOINTS) else np.nan
-            room = np.empty((4, 2)), np.empty(len(self._table))
-            blend(self._table, self._motions, *table, postures, *room, blends, gains)
+            room = np.empty((max(len(self._table), 4), 3))
+            blend(self._table, self._motions, *table, postures, room, blends, gains)
             motions = blends.tolist()
         else:
             find_answers(self._table, self.response == "printed", *table, found, gains)

@@ -318,7 +318,7 @@ class ContactReaction:
             goal = position[group.servos].copy()
         else:
             goal = self._references(group, seen.reference, position)
-        group.first = frozenset(seen.felt.contacts)
+        group.first = seen.felt.own or frozenset(seen.felt.contacts)
         self._begin(group, goal, freed=group.slow)
         return goal, Reason(Code.CONTACT, f"{group.name} met something: {what}; it {DOES[group.answer]}")
 

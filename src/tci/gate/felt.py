@@ -22,6 +22,8 @@ class Felt:
     """Largest force [N] of contacts that the group's own motion made or raised."""
     contacts: Mapping[int, float] = field(default_factory=dict)
     """Force [N] of each contact, by its identity."""
+    own: frozenset[int] = frozenset()
+    """Those that the group's own motion made or raised."""
 
     def other_than(self, first: Collection[int]) -> tuple[float, float]:
         """Largest force [N] of the contacts in `first`, and of all others."""
@@ -52,10 +54,11 @@ class FeltForces:
         self._known = {contact.identity: self._look_at(contact) for contact in contacts}
         found: dict[int, Felt] = {}
         for contact, group in self._pairs(contacts):
-            made = contact.force if group in self._known[contact.identity].made_by else 0.0
-            before = found.get(group, Felt())
+            before, own = found.get(group, Felt()), group in self._known[contact.identity].made_by
+            made = contact.force if own else 0.0
             all_of_it = {**before.contacts, contact.identity: contact.force}
-            found[group] = Felt(max(before.force, contact.force), max(before.made, made), all_of_it)
+            mine = before.own | {contact.identity} if own else before.own
+            found[group] = Felt(max(before.force, contact.force), max(before.made, made), all_of_it, mine)
         return found
 
     def _pairs(self, contacts: Contacts) -> Iterator[tuple[Contact, int]]:

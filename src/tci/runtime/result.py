@@ -224,6 +224,6 @@ class Account:
             _log.warning("%s at %.3f s, %s: %s", self._driver.robot.name, now, kind, reason)
 
     def _stop(self, reason: Reason | None, now: float) -> None:
-        if reason != self._stopped:
+        if reason is not self._stopped:  # the gate keeps the first reason
             self._stopped = reason
             _log.error("%s at %.3f s, stopped until it is reset: %s", self._driver.robot.name, now, reason)

@@ -247,10 +247,10 @@ def test_a_run_after_one_that_ended_in_motion_is_obeyed(driver: Driver) -> None:
 
 def test_32_a_reader_that_was_away_gets_the_latest_and_no_backlog(driver: Driver) -> None:
     before = driver.read().joints.sequence
-    driver.clock.sleep_until(driver.clock.now() + 0.8)
+    driver.clock.sleep_until(driver.clock.now() + 1.5)
     reading, now = driver.read(), driver.clock.now()
     assert abs(now - reading.joints.stamp) <= driver.gate.stale_after
-    assert reading.joints.sequence > before + 5  # a slow skin sends ten frames per second
+    assert reading.joints.sequence > before + 10
     assert driver.read().joints.sequence - reading.joints.sequence <= 100
 
 

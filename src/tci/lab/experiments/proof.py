@@ -49,9 +49,6 @@ SLOWEST = {50.0: 43.0, 100.0: 33.0}
 """Longest permitted time [ms] from touch to motion, by the frame rate [Hz] of the skin. The time consists of
 one frame period of the skin, and of 23 ms for gate and servo. Assumed: the robots in `tci demo` need less
 time."""
-CENTRE = 1.5
-"""Largest permitted error [mm] of the centre of pressure: iCub's taxels lie 6.5 mm apart, with gaps between
-the modules, and give up to 1.2 mm."""
 TARGETS, PACE = 8, 0.4
 """Number of random targets far outside the limits, and time [s] for each target. Assumed: an arm at full
 speed reaches a limit within this time."""
@@ -272,8 +269,8 @@ def trial_faults(robot: Robot, trial: Trial) -> list[str]:
         f"{trial.withdrawn_without_reflex_mm:.1f} mm; valid: at least 5 mm more": (
             trial.withdrawn_mm >= trial.withdrawn_without_reflex_mm + 5.0
         ),
-        f"error of the centre of pressure {trial.cop_error_mm} mm; valid: at most {CENTRE}": (
-            trial.cop_error_mm is not None and trial.cop_error_mm <= CENTRE
+        f"error of the centre of pressure {trial.cop_error_mm} mm; valid: at most 1 mm": (
+            trial.cop_error_mm is not None and trial.cop_error_mm <= 1.0
         ),
     }
     return [what for what, holds in checks.items() if not holds] + [*trial.violations, *trial.halts]

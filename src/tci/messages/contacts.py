@@ -107,7 +107,8 @@ class ContactColumns:
     n_L = _vector()
     """Outward unit normal at the centre of pressure, in the frame of the patch's link."""
     p_T = _vector()
-    """Centre of pressure [m] in the torso frame."""
+    """Centre of pressure [m] in the torso frame, with the joints as they were when a frame of any patch came
+    last: a touched part moves on between two frames of a slow patch."""
     n_T = _vector()
     """Outward unit normal in the torso frame."""
     f_T = _vector()

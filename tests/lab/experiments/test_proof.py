@@ -15,7 +15,7 @@ from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.errors import DescriptionError
 from tci.lab.authoring.proposal import propose
-from tci.lab.experiments.measure import measure
+from tci.lab.experiments.measure import cop_error, measure
 from tci.lab.experiments.patch_trials import patch_trials_of
 from tci.lab.experiments.poke import Stimulus, poke
 from tci.lab.experiments.proof import compare_axes, limit_faults, prove, trial_faults
@@ -112,6 +112,16 @@ def test_a_motion_before_the_touch_is_found_out() -> None:
         faults.append(trial_faults(robot, trial))
     assert not faults[0]
     assert any("first motion after -" in fault for fault in faults[1])
+
+
+def test_faster_skin_elsewhere_does_not_shift_the_centre_of_pressure() -> None:
+    """Palms of 100 Hz tell the contacts of forearms of 50 Hz again, 10 ms later, where they are by then."""
+    robot, reflex = load_robot("icub-hands"), WithdrawalReflex()
+    site = next(field for field in reflex.fields if field.name == "forearm_extensor")
+    acted = poke(World(robot), "left_arm", site, Stimulus(duration=0.3), reflex=reflex, seed=2)
+    error = cop_error(acted)
+    assert error is not None
+    assert error < 0.5
 
 
 def test_every_patch_is_poked_and_a_motion_towards_the_finger_is_found_out(

@@ -84,7 +84,8 @@ class Trace:
     """Messages of the reflex at the end of the trial. The tuple is empty if the reflex ran in another
     process."""
     contacts: dict[float, Contact] = field(default_factory=dict)
-    """Strongest contact that TCI found in each skin frame, by the time [s] of the frame."""
+    """Strongest contact that TCI found in each skin frame, by the time [s] of the frame, as it was told
+    first: frames of other patches, which may be faster, tell it again where the skin has moved to."""
 
 
 def moves(command: Order) -> TypeGuard[GenericCommand]:
@@ -132,8 +133,8 @@ class _Poke(Trial):
             part = command.part if moves(command) else part_of(world.robot, command)
             if part is not None:
                 trace.commanded.append((tick.now, part))
-        for contact in sorted(tick.perception.contacts, key=lambda contact: contact.force):
-            trace.contacts[contact.stamp] = contact
+        for contact in sorted(tick.perception.contacts, key=lambda contact: -contact.force):
+            trace.contacts.setdefault(contact.stamp, contact)
         if self._watch is not None:
             self._watch(tick)
 

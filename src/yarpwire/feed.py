@@ -13,9 +13,10 @@ from yarpwire.errors import PortError, RepetitionError, WireError
 from yarpwire.incoming import Delivery
 from yarpwire.network import Network
 
-KEPT = 4
-"""Number of the latest messages that are kept. Assumed: enough to choose messages of several ports that were
-measured at nearly the same time."""
+KEPT = 32
+"""Number of the latest messages that are kept, to choose messages of several ports that were measured at
+nearly the same time. Assumed: boards send up to 100 messages per second, and one may be 0.1 s behind another
+before its data counts as too old."""
 RESTARTED = 100
 """If the number in a message is smaller than the previous number by more than this value, the sender counts
 as restarted. Assumed: a message in the wrong order is never so late."""
@@ -76,7 +77,7 @@ class Feed(Generic[Value]):
         """
         self.source = source
         self.recent: tuple[Sample[Value], ...] = ()
-        """The latest messages, at most four (`KEPT`), oldest first."""
+        """The latest messages, at most `KEPT`, oldest first."""
         self.clock = clock
         """Conversion from the sender's clock to this machine's clock; None if no `clock` was given."""
         self.lost = 0

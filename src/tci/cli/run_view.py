@@ -15,6 +15,7 @@ from tci.cli.console import console
 from tci.cli.run_log import Event
 from tci.cli.session import Session
 from tci.drivers.replay import ReplayDriver
+from tci.gate.gate import GateState
 from tci.lab.faults.injectors import INJECTORS
 from tci.messages.clock import MonotonicClock
 from tci.runtime.loop import Tick
@@ -94,6 +95,9 @@ def conclude(session: Session, *, filmed: bool) -> None:
         console.print(line, highlight=False)
     if log.went_back.counts:
         console.print(MET, style="yellow", highlight=False)
+    if state is GateState.STOP:
+        words = f"STOP to the end, since nobody reset it: {session.driver.gate.reason}"
+        console.print(words, style=COLOURS["STOP"], highlight=False, markup=False)
 
 
 def _periods(session: Session) -> str:

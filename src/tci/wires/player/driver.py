@@ -197,8 +197,9 @@ class PlayerDriver(RemoteDriver):
         stamp = clock.place(message.stamp, self.clock.now())
         if stamp is not None:
             self._position[servos], self._velocity[servos] = position, velocity
+            oldest = self._stamps.min()
             self._stamps[servos] = stamp
-            self._sequence_in += 1
+            self._sequence_in += bool(self._stamps.min() != oldest)  # the number belongs to the stamp
 
     def _refuse(self, error: FrameError) -> None:
         self.rejected += 1

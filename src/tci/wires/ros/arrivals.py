@@ -84,10 +84,11 @@ class JointArrivals:
         if len(effort):
             self._torque[servos] = np.asarray(effort, dtype=float)[places]
         self._stamps[servos] = stamp
-        self._sequence += 1
-        if np.all(self._stamps > -np.inf):
+        oldest = float(self._stamps.min())
+        if oldest > -np.inf and (self.latest is None or oldest != self.latest.stamp):
+            self._sequence += 1  # it belongs to the stamp: a message about other joints makes nothing newer
             self.latest = JointReading(
-                stamp=float(self._stamps.min()),
+                stamp=oldest,
                 sequence=self._sequence,
                 position=read_only(self._position),
                 velocity=read_only(self._velocity),

@@ -206,7 +206,8 @@ class UnitreeDriver(Driver):
 
     def _reading(self, state: Any, stamp: float) -> JointReading:
         motors = state["motor"][self._slots]
-        sequence = 0 if self._joints is None else self._joints.sequence + 1
+        before = self._joints  # the stamp is that of the oldest part, and the number belongs to it
+        sequence = 0 if before is None else before.sequence + (stamp != before.stamp)
         values = [motors[name].astype(float) for name in ("q", "dq", "tau_est")]
         for hand in self._hands:
             if len(hand.servos):

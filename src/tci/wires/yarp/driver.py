@@ -195,7 +195,8 @@ class YarpDriver(Driver):
             position[absent], velocity[absent], powered[absent] = self._home[absent], 0.0, False
         return JointReading(
             stamp=float(stamp),
-            sequence=min((board.number() for board in self.boards.values()), default=0),
+            # Boards count on their own: only a number of its own belongs to the stamp of the combination.
+            sequence=0 if self._joints is None else self._joints.sequence + 1,
             position=read_only(position),
             velocity=read_only(velocity),
             torque=None if np.isnan(torque).all() else read_only(torque),

@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from tci.lab.viewer.player import Player
 
 REPLAY = "replay:"
-SIMULATED = {"step": 0.002, "rate": 100.0}
-"""Physics step [s] and control rate [Hz] of simulated robots in the viewer. The rate equals the frame rate of
+SIMULATED = {"step": 0.002, "rate": 100.0, "people": 1, "self_touch": False}
+"""Physics step [s], control rate [Hz] and people (one, whose hands the page moves) of simulated robots. The
+rate equals the frame rate of
 NAO's skin, the faster skin of the paper's two robots, so that the loop reads every frame. A faster loop would
 leave less time for drawing."""
 

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from tci.errors import CommandError, TciError, UnknownNameError
-from tci.messages.frames import Array, read_only
+from tci.messages.frames import Array, read_only, transform
 from tci.robot.collisions import PERSON
 from tci.robot.neutral import neutral
 from tci.simulation import hand_control as at
-from tci.simulation.hand_path import PADS, Ballistics, HandPath, plan_of, turns_of
+from tci.simulation.hand_path import PADS, Ballistics, HandPath, plan_of, turn_of, turns_of
 from tci.simulation.physics import Physics, exclusive
 from tci.simulation.touch import FINGER_PRIORITY, FRICTION, skin_geom, stiff
 from tci.skin.surfaces import Surface
@@ -279,6 +279,52 @@ class Hand:
         count, begin = int(self._whole[at.TRACED]), self._number * at.TRACE
         rows = self._hands.traces[begin : begin + at.TRACE]
         return rows[:count].copy() if count <= at.TRACE else np.roll(rows, -count, axis=0)
+
+    @property
+    def asked(self) -> float:
+        """Force [N] that the hand was to press with in the latest step; 0 without a touch."""
+        traced = int(self._whole[at.TRACED])
+        if not (self.busy and traced):
+            return 0.0
+        return float(self._hands.traces[self._number * at.TRACE + (traced - 1) % at.TRACE, 1])
+
+    @property
+    def physics(self) -> Physics:
+        return self._physics
+
+    def tip(self, pad: str = "index") -> Array:
+        """Pose (4, 4) of a pad in the world: its tip, with z into the skin."""
+        data, body = self._physics.data, int(self._whole[at.BODY]) + PADS.index(pad)
+        return transform(data.xmat[body].reshape(3, 3), np.array(data.xpos[body]))
+
+    # ------------------------------------------------------------------ what it does from moment to moment
+
+    @exclusive
+    def replan(self, rows: Array) -> None:
+        """What to do from the next step on: rows of a plan (`hand_control.BASE`). Then the hand goes away."""
+        now = min(self._physics.steps - 1 - int(self._whole[at.START]), int(self._whole[at.COUNT]) - 1)
+        self._hands.plans[self._number] = np.vstack([self._hands.plans[self._number][max(now, 0)], rows])
+        self._hands.renew()
+        self._whole[at.START] = self._physics.steps - 1
+
+    @exclusive
+    def height(self, link: str, pad: str, point: Array, normal: Array) -> float:
+        """Height [m] above a point of a link at which a pad first touches it; all in the link's frame."""
+        self._physics.refresh()
+        model, data, source = self._physics.model, self._scratch, self._physics.data
+        data.geom_xpos[:], data.geom_xmat[:] = source.geom_xpos, source.geom_xmat
+        body = model.body(link).id
+        R, p, local = source.xmat[body].reshape(3, 3), source.xpos[body], np.empty(9)
+        normal = normal / np.linalg.norm(normal)
+        mujoco.mju_quat2Mat(local, self.turn(link, normal))
+        near = [geom for geom in self._solid if model.geom_bodyid[geom] == body]
+        geom = self._geoms[PADS.index(pad)]
+        return self._height(geom, near, p + R @ point, R @ normal, R @ local.reshape(3, 3))
+
+    def turn(self, link: str, normal: Array) -> Array:
+        """Orientation (4,) of a pad that touches against an outward normal, in the link's frame."""
+        model = self._physics.model
+        return turn_of(normal / np.linalg.norm(normal), _long_axis(model, model.body(link).id))
 
     # ------------------------------------------------------------------ how it begins
 

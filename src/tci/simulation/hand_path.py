@@ -205,15 +205,21 @@ def turns_of(path: HandPath, along: Array) -> Array:
     found = np.empty((*normals.shape[:2], 4))
     for k in range(normals.shape[1]):
         for n, normal in enumerate(normals[:, k]):
-            x = along - (along @ normal) * normal
-            if np.linalg.norm(x) < 0.1:
-                x = np.linalg.svd(normal[None])[2][1]
-            x /= np.linalg.norm(x)
-            rotation = np.column_stack([x, np.cross(-normal, x), -normal])
-            mujoco.mju_mat2Quat(found[n, k], np.ascontiguousarray(rotation).ravel())
+            found[n, k] = turn_of(normal, along)
             if n and found[n, k] @ found[n - 1, k] < 0.0:
                 found[n, k] *= -1.0
     return found
+
+
+def turn_of(normal: Array, along: Array) -> Array:
+    """Orientation (4,) of one pad, as in `turns_of`."""
+    x = along - (along @ normal) * normal
+    if np.linalg.norm(x) < 0.1:
+        x = np.linalg.svd(normal[None])[2][1]
+    x /= np.linalg.norm(x)
+    rotation, turn = np.column_stack([x, np.cross(-normal, x), -normal]), np.empty(4)
+    mujoco.mju_mat2Quat(turn, np.ascontiguousarray(rotation).ravel())
+    return turn
 
 
 def _softened_ends(force: Array, step: float) -> Array:

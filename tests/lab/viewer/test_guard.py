@@ -99,6 +99,7 @@ def test_53_elsewhere_a_token_is_needed(remote: Opened) -> None:
     assert remote.get("/index.html", Cookie=pair).status == 200
     assert remote.socket_opens(origin=here, Cookie=pair)
     assert not remote.socket_opens(origin=here, Cookie=pair.split("=")[0] + "=guess")
+    assert not remote.socket_opens(origin=here, path="/touch", Cookie=pair.split("=")[0] + "=guess")
 
 
 def test_54_a_hostile_page_or_name_is_refused(local: Opened) -> None:
@@ -108,12 +109,13 @@ def test_54_a_hostile_page_or_name_is_refused(local: Opened) -> None:
     assert not local.socket_opens(origin="http://evil.example")
     assert not local.socket_opens(origin="null")
     assert not local.socket_opens(origin=None)
+    assert not local.socket_opens(origin="http://evil.example", path="/touch")
     assert local.get(Host="evil.example").status == 403
     assert local.get(Host=f"evil.example:{local.port}").status == 403
     assert local.get(Host="").status == 403
     assert local.get(Host=f"localhost:{local.port}").status == 200
     assert local.get(Origin="http://evil.example").status == 403
-    assert local.guard.refused == refused + 7
+    assert local.guard.refused == refused + 8
 
 
 def test_54_a_rebound_name_is_refused_with_its_own_origin(remote: Opened) -> None:

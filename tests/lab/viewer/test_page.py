@@ -31,6 +31,7 @@ from tci.recording.recording import Recording
 
 pytestmark = pytest.mark.xdist_group("browser")
 ROBOTS = ("nao", "icub")
+PATCHES = ("left_upper_arm", "right_upper_arm")
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +42,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def viewer(folder: Path) -> Iterator[Viewer]:
     reflex = tci.WithdrawalReflex()
-    drivers = [tci.connect(tci.load_robot(name), "sim", step=0.002) for name in ROBOTS]
+    drivers = [tci.connect(name, "sim", step=0.002, people=1, self_touch=False) for name in ROBOTS]
     sessions = [
         Session(driver, reflex, about={"middleware": "sim", "capability": "withdrawal"}) for driver in drivers
     ]
@@ -120,6 +121,39 @@ def test_the_same_place_is_poked_on_every_robot(viewer: Viewer, page: Page) -> N
         lambda: [session.pokes for session in viewer.sessions.values()] == [count + 1 for count in before],
         "both robots are poked",
     )
+
+
+def test_dragging_along_the_skin_strokes_it_and_tells_asked_and_felt(viewer: Viewer, page: Page) -> None:
+    session = viewer.sessions["icub"]
+    poke_everywhere(viewer, page, False)
+    x, y, _ = skin_on_screen(viewer, "icub", "left_upper_arm", canvas_of(page))
+    before = session.pokes
+    page.mouse.move(x, y)
+    page.mouse.down()
+    wait_for(lambda: session.view.hands and session.view.hands[0].force > 1.0, "holding still presses")
+    asked = session.view.hands[0].asked
+    page.mouse.wheel(0.0, -300.0)
+    wait_for(lambda: session.view.hands[0].asked > 1.1 * asked, "the wheel makes it firmer")
+    page.get_by_text(re.compile(r"iCub: asked \d+\.\d N, presses \d+\.\d N, felt \d+\.\d N")).first.wait_for()
+    page.mouse.move(x, y + 12.0, steps=6)
+    page.mouse.up()
+    wait_for(lambda: not session.view.hands, "the hand goes when the button is up")
+    said = " | ".join(words for _, words in session.events)
+    assert "press 'left_upper_arm taxel" in said or "stroke 'left_upper_arm taxel" in said
+    assert session.history.series("left_arm")[1].max() > 1.0
+    assert session.pokes == before
+
+
+def test_two_fingers_touch_with_two_hands(viewer: Viewer, page: Page) -> None:
+    session = viewer.sessions["nao"]
+    places = [skin_on_screen(viewer, "nao", patch, canvas_of(page))[:2] for patch in PATCHES]
+    tablet = page.context.new_cdp_session(page)
+    points = [{"x": x, "y": y, "id": k} for k, (x, y) in enumerate(places)]
+    tablet.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": points})
+    wait_for(lambda: len(session.view.hands) == 2, "two hands come")
+    wait_for(lambda: all(hand.force > 0.5 for hand in session.view.hands), "both press")
+    tablet.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    wait_for(lambda: not session.view.hands, "both go")
 
 
 def test_a_click_beside_the_robots_pokes_nobody(viewer: Viewer, page: Page) -> None:

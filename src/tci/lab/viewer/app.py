@@ -15,6 +15,7 @@ from tci.errors import TciError
 from tci.lab.viewer.controls import Controls
 from tci.lab.viewer.fields import legend
 from tci.lab.viewer.figure import Figure
+from tci.lab.viewer.fingers import Fingers
 from tci.lab.viewer.framing import Framing
 from tci.lab.viewer.guard import close_server, open_server
 from tci.lab.viewer.labels import badge, event_list
@@ -40,7 +41,10 @@ SKY = (208, 218, 230), (250, 250, 250)
 is visible."""
 Source = Session | Player
 """Source of the data that the page shows of one robot: the running robot, or a recording of it."""
-HINT = "**Click the skin of an arm** to poke it there. Drag to rotate, scroll to zoom."
+HINT = (
+    "**Click the skin** to poke it there, **drag along it** to stroke it, **hold** to press: longer is "
+    "firmer, and so is the wheel. Two fingers are two touches. Drag beside it to rotate, scroll to zoom."
+)
 
 
 class Viewer:
@@ -61,12 +65,22 @@ class Viewer:
         """Sources with a running robot, by the robot's name. If several robots have one name, a number after
         the name distinguishes them. Recordings are not included."""
         names = " and ".join(dict.fromkeys(_title(source) for source in sources))
-        self.server, self.guard, self.address = open_server(host, port, label="TCI", title=f"{names} - TCI")
+        self.fingers = Fingers(
+            lambda: self.server.get_clients(), self._picked, lambda: float(self._force.value), self.poke,
+            self._touch, lambda key, finger: self.sources[key].let_go(finger),
+        )  # fmt: skip
+        touchable = any(source.world is not None for source in sources)
+        self.server, self.guard, self.address = open_server(
+            host, port, label="TCI", title=f"{names} - TCI",
+            touched=self.fingers.handle if touchable else None,
+        )  # fmt: skip
         self._was_opened = False
         self.pictures = 0
         """Number of pictures shown."""
         self._stop = threading.Event()
         self._clicks: list[tuple[Array, Array]] = []
+        self._touched = False
+        self._refused: tuple[str, object] | None = None
         self.figures = {key: Figure(self.server, source.robot, key) for key, source in self.sources.items()}
         for key, source in self.sources.items():
             self.figures[key].show_fields(source.fields)
@@ -110,6 +124,7 @@ class Viewer:
                 self.figures[key].show(source.view)
         while self._clicks:
             self._clicked(*self._clicks.pop(0))
+        self.fingers.update()
         if words:
             self._show_events()
             self._plots.update({key: source.history for key, source in self.sources.items()})
@@ -155,16 +170,25 @@ class Viewer:
         except TciError as error:
             source.say(str(error))
 
+    def _touch(self, key: str, finger: object, place: Place, force: float) -> None:
+        try:
+            self.sources[key].touch(finger, place, force=force)
+        except TciError as error:
+            if self._refused != (key, finger):  # once for each finger, not in every picture
+                self.sources[key].say(str(error))
+            self._refused = key, finger
+
     def _clicked(self, origin: Array, direction: Array) -> None:
-        found = []
-        for key, figure in self.figures.items():
-            hit = pick(figure, origin, direction)
-            if hit is not None:
-                found.append((hit[1], key, hit[0]))
-        _set(self._hint, HINT if found else "No skin at that place. " + HINT)
-        if found:
-            _, key, place = min(found, key=lambda hit: hit[0])
-            self.poke(key, place)
+        hit = self._picked(origin, direction)
+        _set(self._hint, HINT if hit is not None else "No skin at that place. " + HINT)
+        if hit is not None:
+            self.poke(*hit)
+
+    def _picked(self, origin: Array, direction: Array) -> tuple[str, Place] | None:
+        """Robot and place that a ray meets first."""
+        found = [(hit[1], key, hit[0]) for key, figure in self.figures.items()
+                 if (hit := pick(figure, origin, direction)) is not None]  # fmt: skip
+        return min(found, key=lambda hit: hit[0])[1:] if found else None
 
     def _stand_side_by_side(self) -> None:
         """Places the robots in a row. The first robot is at the left of the picture."""
@@ -236,11 +260,21 @@ class Viewer:
         }
         told = f" Skin of {', '.join(assumed)} is partly assumed: nobody has seen it there." * bool(assumed)
         self._hint = gui.add_markdown(HINT + told)
-        with gui.add_folder("poke"):
+        others = [_title(one) for one in self.sources.values() if one.world is None]
+        if others:
+            gui.add_markdown(f"{', '.join(others)}: not simulated, so it can't be touched from here.")
+
+        @self.server.on_client_connect
+        def _(client: viser.ClientHandle) -> None:
+            # The page's own script reads there which client its fingers belong to.
+            client.gui.add_html(f'<i hidden data-tci-client="{client.client_id}"></i>')
+
+        with gui.add_folder("poke and touch"):
             self._force = gui.add_slider("force [N]", 0.5, 10.0, 0.5, 5.0)
             self._speed = gui.add_slider("speed [m/s]", 0.05, 0.5, 0.05, 0.25)
             if len(self.sources) > 1:
                 self._everywhere = gui.add_checkbox("same place on every robot", True)
+            self._touches = gui.add_html("")
             pace = gui.add_slider("pace (1 is real time)", 0.0, 1.0, 0.05, 1.0)
             pace.on_update(lambda _: self._set_pace(float(pace.value)))
 
@@ -255,9 +289,15 @@ class Viewer:
 
     def _show_events(self) -> None:
         events: list[tuple[str, float, str]] = []
+        hands: list[str] = []
         for key, source in self.sources.items():
             _set(self._badges[key], _badge(source))
+            if source.view is not None:
+                hands += [f"{_title(source)}: {hand.words}" for hand in source.view.hands]
             events += [(_title(source), stamp, words) for stamp, words in list(source.events)[-6:]]
+        if hands or self._touched:
+            _set(self._touches, "<br>".join(hands))
+        self._touched = bool(hands)
         _set(self._events, event_list(sorted(events, key=lambda event: -event[1])[:8]))
 
 

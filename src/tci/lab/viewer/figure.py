@@ -46,6 +46,8 @@ TURNED = np.deg2rad(1.0)
 """Change [rad] of a joint after which the receptive field of each taxel is computed again."""
 _INK = (225, 60, 50)
 _FINGER = (215, 140, 115)
+FINGER_TIP = 0.007, 0.024
+"""Radius and length [m] of a hand's finger; those of the simulated hand."""
 
 
 class Figure:
@@ -112,6 +114,7 @@ class Figure:
             f"/{key}/finger/shaft", RADIUS, 0.06, color=_FINGER, opacity=0.35, position=(0.0, 0.0, -0.03),
             cast_shadow=False,
         )  # fmt: skip
+        self._hands = [self._add_hand(server, f"/{key}/hand{number}") for number in range(2)]
         self._outside = server.scene.add_label(
             f"/{key}/finger/outside", OUTSIDE, position=(0.0, 0.0, -0.07), visible=False
         )
@@ -155,6 +158,29 @@ class Figure:
             if view.finger is not None:
                 self._finger.position = view.finger[:3, 3]
                 self._finger.wxyz = quaternion(view.finger[:3, :3])
+
+            for number, (frame, label) in enumerate(self._hands):
+                frame.visible = label.visible = number < len(view.hands)
+                if frame.visible:
+                    hand = view.hands[number]
+                    frame.position, frame.wxyz = hand.tip[:3, 3], quaternion(hand.tip[:3, :3])
+                    if label.text != hand.words:
+                        label.text = hand.words
+
+    @staticmethod
+    def _add_hand(server: viser.ViserServer, name: str) -> tuple[viser.FrameHandle, viser.LabelHandle]:
+        radius, length = FINGER_TIP
+        frame = server.scene.add_frame(name, show_axes=False, visible=False)
+        for part, z in (("tip", -radius), ("end", -radius - length)):
+            server.scene.add_icosphere(
+                f"{name}/{part}", radius, color=_FINGER, position=(0.0, 0.0, z), cast_shadow=False
+            )
+        server.scene.add_cylinder(
+            f"{name}/shaft", radius, length, color=_FINGER, position=(0.0, 0.0, -radius - length / 2.0),
+            cast_shadow=False,
+        )  # fmt: skip
+        label = server.scene.add_label(f"{name}/says", "", position=(0.0, 0.0, -0.07), visible=False)
+        return frame, label
 
     def pose(self, link: str) -> Array:
         """Returns `T_SL` (4, 4), the pose of a link in the scene, in the posture that is shown. For the

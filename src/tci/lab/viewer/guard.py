@@ -16,7 +16,7 @@ import re
 import secrets
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from contextlib import redirect_stdout
 from html import escape
 from http import HTTPStatus
@@ -35,12 +35,15 @@ from tci.errors import DriverError, TciError
 from yarpwire.connection_limit import PATIENCE, ConnectionLimit
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
+TOUCH = "/touch"
+"""Path of the web socket on which a page tells where its fingers are. It has the guard of all requests."""
 ALIVE = "/alive"
 """Path that the page requests to check if the server is still running."""
 SCRIPT = Path(__file__).with_name("page.js").read_text(encoding="utf-8")
 _patching = threading.Lock()
 
 Answer = Callable[[Any, Request], Response | None]
+Touched = Callable[[ServerConnection], Awaitable[None]]
 
 
 class Guard:
@@ -196,13 +199,14 @@ def _query_token(request: Request) -> str:
 
 
 def open_server(
-    host: str, port: int, *, label: str, title: str = "TCI"
+    host: str, port: int, *, label: str, title: str = "TCI", touched: Touched | None = None
 ) -> tuple[viser.ViserServer, Guard, str]:
     """Opens a viser server with access control. Returns the server, the guard, and the address of the page.
 
-    `label` is the heading of the page's panel, and `title` is the title of the browser's tab. If the host is
-    not the loopback interface, creates a token that clients need. Raises DriverError if the port is in use,
-    or if the host is not an address of this machine.
+    `label` is the heading of the page's panel, and `title` is the title of the browser's tab. `touched`
+    handles the web sockets of fingers on the page. If the host is not the loopback interface, creates a token
+    that clients need. Raises DriverError if the port is in use, or if the host is not an address of this
+    machine.
     """
     # The library refuses malformed requests. Its log is off, because users do not need a traceback for each
     # of these requests.
@@ -223,8 +227,15 @@ def open_server(
         handler: Any, _host: str, _port: int, *, process_request: Answer, **options: Any
     ) -> Any:
         guarded.append(True)
+
+        async def handle(connection: ServerConnection) -> None:
+            if connection.request is None or urlsplit(connection.request.path).path != TOUCH:
+                await handler(connection)
+            elif touched is not None:
+                await touched(connection)
+
         return serve(
-            handler, sock=listener, process_request=guard.wrap(process_request), open_timeout=PATIENCE,
+            handle, sock=listener, process_request=guard.wrap(process_request), open_timeout=PATIENCE,
             create_connection=_bounded(), **options,
         )  # fmt: skip
 

@@ -21,6 +21,66 @@
     if (bar?.parentElement.nextElementSibling?.getAttribute("aria-hidden") === "false") bar.click();
     if (!(bar?.getBoundingClientRect().top > innerHeight - 100)) setTimeout(fold, 200);
   };
+  // Fingers and mice on the skin of a simulated robot are touches; all others are viser's: a press is held
+  // back until the server has said what lies under it.
+  const touch = () => {
+    const socket = new WebSocket(location.origin.replace(/^http/, "ws") + "/touch");
+    const fingers = new Map(); // by pointer: null before the answer, then true on skin; and what was held back
+    let opened = false;
+    const client = () => Number(document.querySelector("[data-tci-client]")?.dataset.tciClient ?? -1);
+    const send = (is, event) => {
+      const box = fingers.get(event.pointerId).canvas.getBoundingClientRect();
+      socket.send(JSON.stringify({
+        is, pointer: event.pointerId, client: client(),
+        x: (event.clientX - box.left) / box.width, y: (event.clientY - box.top) / box.height,
+      }));
+    };
+    const ours = (event) => {
+      event.preventDefault();
+      event.stopImmediatePropagation();
+    };
+    const tell = { pointerdown: "down", pointermove: "move", pointerup: "up", pointercancel: "up" };
+    const pointed = (event) => {
+      if (!event.isTrusted) return;
+      const begins = event.type === "pointerdown";
+      if (begins && event.target.tagName === "CANVAS" && event.button === 0 && socket.readyState === 1 &&
+          !(event.ctrlKey || event.shiftKey || event.altKey || event.metaKey))
+        fingers.set(event.pointerId, { skin: null, held: [], canvas: event.target });
+      const finger = fingers.get(event.pointerId);
+      if (!finger) return;
+      ours(event);
+      if (finger.skin === null) finger.held.push(event);
+      if (begins || finger.skin) send(tell[event.type], event);
+      if (finger.skin && tell[event.type] === "up") fingers.delete(event.pointerId);
+    };
+    for (const name of Object.keys(tell)) addEventListener(name, pointed, { capture: true, passive: false });
+    addEventListener("wheel", (event) => {
+      const skin = [...fingers].filter(([, finger]) => finger.skin);
+      if (!skin.length) return;
+      ours(event);
+      for (const [pointer] of skin) socket.send(JSON.stringify({ is: "wheel", pointer, y: -event.deltaY }));
+    }, { capture: true, passive: false });
+    const give = (finger) => {
+      for (const event of finger.held) finger.canvas.dispatchEvent(new PointerEvent(event.type, event));
+    };
+    socket.onmessage = ({ data }) => {
+      const { pointer, skin } = JSON.parse(data), finger = fingers.get(pointer);
+      if (!finger) return;
+      const over = finger.held.slice(1).find((event) => tell[event.type] === "up");
+      finger.skin = skin;
+      if (skin && over) send("up", over);
+      if (!skin) give(finger);
+      if (!skin || over) fingers.delete(pointer);
+    };
+    socket.onopen = () => (opened = true);
+    socket.onclose = ({ code }) => {
+      for (const finger of fingers.values()) if (finger.skin === null) give(finger);
+      fingers.clear();
+      if (opened && code !== 1000) setTimeout(touch, 2000); // 1000: nothing here can be touched
+      for (const name of Object.keys(tell)) removeEventListener(name, pointed, { capture: true });
+    };
+  };
+  addEventListener("load", touch);
   addEventListener("load", () => {
     document.body.append(told);
     ask();

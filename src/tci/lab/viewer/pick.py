@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import viser
 
 from tci.body.places import Place
 from tci.lab.viewer.figure import Figure
 from tci.messages.frames import Array, apply, invert, read_only
+from tci.support.engine import mujoco
 
 NEAR = 0.015
 """Largest distance [m] between a click and the taxel that the click selects. Assumed: about two taxels of
@@ -14,6 +16,17 @@ iCub's skin."""
 BEHIND = 0.03
 """Largest depth [m] below the visible surface at which a click selects skin. Assumed: covers over the skin
 are thinner."""
+
+
+def ray(camera: viser.CameraHandle, x: float, y: float) -> tuple[Array, Array]:
+    """Origin (3,) [m] and direction (3,) of the ray through a point of the picture, from 0 to 1 to the right
+    and down."""
+    up = np.tan(camera.fov / 2.0)
+    seen = np.array([(2.0 * x - 1.0) * up * camera.aspect, (2.0 * y - 1.0) * up, 1.0])
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, camera.wxyz)
+    direction = rotation.reshape(3, 3) @ seen
+    return np.array(camera.position), direction / np.linalg.norm(direction)
 
 
 def pick(figure: Figure, origin: Array, direction: Array) -> tuple[Place, float] | None:

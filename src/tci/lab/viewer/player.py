@@ -97,6 +97,13 @@ class Player:
         state = "playing" if self.playing else "paused"
         return f"recorded; {state} at {self._time - self.begin:.2f} of {self.end - self.begin:.2f} s"
 
+    def touch(self, finger: object, place: Place, *, force: float) -> None:
+        """Raises CommandError."""
+        raise CommandError(f"{self.robot.name} is recorded, so no hand can touch it; valid: --via sim")
+
+    def let_go(self, finger: object) -> None:
+        """Nothing touches a recording."""
+
     def play(self) -> None:
         """Starts to play. If the present time is the recording's end, plays the recording from the
         beginning."""

@@ -7,6 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -28,6 +29,7 @@ from tci.lab.viewer.labels import moves, touched
 from tci.lab.viewer.real_time import RealTime
 from tci.lab.viewer.rehearsal import Rehearsal
 from tci.lab.viewer.steered import Steered
+from tci.lab.viewer.touching import Touching
 from tci.lab.viewer.view import History, View
 from tci.messages import GenericCommand, Mode
 from tci.reasons import Reason, text_of
@@ -95,6 +97,8 @@ class Session:
         self._notes: tuple[str, ...] = ()
         self._real_time = RealTime()
         self._leave = np.inf
+        self.touching = Touching(self.world) if self.world is not None and self.world.people else None
+        """Hands that somebody moves on the page; None if this robot has no simulated people."""
         self._state: tuple[GateState, Reason | None] = (GateState.RUN, None)
         for words in lacks(capability, self.robot):
             self.say(f"{type(unwrapped(capability)).__name__}: {words}")
@@ -148,6 +152,27 @@ class Session:
             self.say(f"poke of {place.patch}{assumed}: up to {force:g} N at {speed:g} m/s")
 
         self.post(begin)
+
+    def touch(self, finger: object, place: Place, *, force: float) -> None:
+        """Has a simulated hand touch a place on the skin with `force` [N], or go there along the skin if the
+        `finger` touches already.
+
+        Raises CommandError if the robot is not simulated, or has no people who can touch it.
+        """
+        if self.touching is None:
+            why = "not simulated" if self.world is None else "simulated without people"
+            raise CommandError(f"{self.robot.name} is {why}, so no hand can touch it; valid: --via sim")
+        self.post(partial(self.touching.aim, finger, place, force))
+
+    def let_go(self, finger: object) -> None:
+        """Lifts the hand of a `finger`, and tells the touch in the words of `tci run --touch`."""
+
+        def lift() -> None:
+            words = self.touching.lift(finger) if self.touching is not None else ""
+            if words:
+                self.say(words)
+
+        self.post(lift)
 
     def move(self, part: str, posture: np.ndarray) -> None:
         """Moves a generic part to a posture (n,) [rad], through the gate."""
@@ -288,6 +313,7 @@ class Session:
                 reason=text_of(sent.reason),
                 response=float(np.abs(sent.velocity).max(initial=0.0)),
                 finger=self.world.finger.pose if self.world and self._leave < np.inf else None,
+                hands=self.touching.seen(tick.perception.contacts) if self.touching else (),
             )
         )
         self._between(tick.now)
@@ -333,6 +359,8 @@ class Session:
     def _between(self, now: float) -> None:
         """Runs the actions that other threads have requested, and then waits until the next period begins."""
         self._take_finger_away()
+        if self.touching is not None:
+            self.touching.update()
         while True:
             self._serve_inbox()
             if self._closing.is_set():

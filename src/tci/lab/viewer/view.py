@@ -20,6 +20,24 @@ the previous sample."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class TouchingHand:
+    """A finger of a simulated hand that somebody moves on the page."""
+
+    tip: Array
+    """Pose `T_WF` (4, 4), as of `View.finger`."""
+    asked: float
+    """Force [N] that the person asks for."""
+    force: float
+    """Force [N] between finger and skin in the physics."""
+    felt: float
+    """Force [N] of all contacts that were found on the touched patch."""
+
+    @property
+    def words(self) -> str:
+        return f"asked {self.asked:.1f} N, presses {self.force:.1f} N, felt {self.felt:.1f} N"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class View:
     """The state of one robot at one instant."""
 
@@ -43,6 +61,9 @@ class View:
     finger: Array | None = None
     """Pose `T_WF` (4, 4) of the simulated finger's tip. The z axis of F points into the skin. The value is
     None if there is no finger."""
+
+    hands: Sequence[TouchingHand] = ()
+    """Simulated hands that touch."""
 
     @property
     def force(self) -> float:

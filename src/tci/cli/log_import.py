@@ -19,8 +19,8 @@ def import_(
     log: Annotated[
         Path,
         typer.Argument(
-            help="Log of yarpdatadumper (data.log or the folder of data.log), ROS bag, or arrays (.npz, "
-            ".mat, .csv)."
+            help="Log of yarpdatadumper (data.log or the folder of data.log), ROS bag, data set of LeRobot "
+            "(v3), or arrays (.npz, .mat, .csv)."
         ),
     ],
     out: NewRecording,
@@ -47,9 +47,11 @@ def import_(
             exists=True, file_okay=False,
         ),
     ] = None,
+    episode: Annotated[int, typer.Option(help="For a data set: number of the episode, from 0.")] = 0,
     as_json: AsJson = False,
 ) -> None:  # fmt: skip
-    """Convert a log of YARP's yarpdatadumper, a ROS bag (extra ros2) or arrays of taxels to a recording.
+    """Convert a log of YARP's yarpdatadumper, a ROS bag (extra ros2), an episode of a data set of LeRobot
+    (extra parquet) or arrays of taxels to a recording.
 
     Example:  tci log import data.log foot.mcap icub-whole --patch right_sole
 
@@ -58,6 +60,8 @@ def import_(
     Example:  tci log import rosbag2_folder touches.mcap nao
 
     Example:  tci log import pressure.mat touches.mcap nao --map pressure.toml
+
+    Example:  tci log import touch-set touch.mcap nao --episode 3
     """
     from tci.cli.console import console, written
     from tci.errors import RecordingError
@@ -72,6 +76,15 @@ def import_(
     fits: tuple[TableFit, ...] = ()
     if not log.exists():
         raise RecordingError(f"{log} does not exist; valid: a log, a bag or arrays")
+    if (log / "meta" / "info.json").is_file():
+        from tci.datasets.lerobot import import_lerobot
+
+        used, left_out = import_lerobot(log, out, episode, robot=words)
+        written(out, {"frames": used}, {"left_out": left_out}, as_json=as_json)
+        if not as_json:
+            said = f"left out: {', '.join(left_out)}"
+            console.print(said, style="yellow", highlight=False, markup=False)
+        return
     if is_bag(log):
         if words is None:
             raise RecordingError(

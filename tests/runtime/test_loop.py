@@ -451,7 +451,6 @@ def test_28_a_guard_makes_the_robot_hold_as_long_as_it_says(driver: SimulatedDri
 
 
 def test_40_the_garbage_collector_is_as_before_after_a_run(driver: SimulatedDriver) -> None:
-    gc.unfreeze()  # undoes `gc.freeze` of conftest.py
     frozen: list[int] = []
     run(driver, Swing(3, lambda: frozen.append(gc.get_freeze_count())), duration=0.05)
     assert frozen[0] > 1000
@@ -466,7 +465,6 @@ def test_40_the_garbage_collector_is_as_before_after_a_run(driver: SimulatedDriv
 
 
 def test_40_what_was_there_before_a_run_costs_no_collection_in_it(driver: SimulatedDriver) -> None:
-    gc.unfreeze()
     ballast: list[list[object]] = [[] for _ in range(200_000)]
     looked_at: list[int] = []
     run(driver, Swing(3, lambda: looked_at.append(len(gc.get_objects()))), duration=0.05)

@@ -32,6 +32,23 @@ def test_the_equations_of_the_paper_are_uneven(response: str) -> None:
     assert all(row.faults for row in rows), rows
 
 
+def test_a_motion_beside_a_refused_one_answers() -> None:
+    """Adduction ends at a limit of Talos' shoulder, from where the joints would go the other way round."""
+    posture = np.deg2rad([2.0, 5.0, 29.0, 68.0, -132.0])
+    touched, reflex, changed = TouchedRobot("talos", posture={"left_arm": posture}), tci.WithdrawalReflex(), 0
+    for taxel in range(0, 900, 20):
+        seen = touched.perceive("left_upper_arm", taxel=taxel, force=4.0)
+        orders, _ = reflex.step(reflex.init(touched.body), seen, touched.body)
+        answer = reflex.answer(seen.contacts[0], seen.posture)
+        assert answer is not None
+        for order in orders:
+            assert isinstance(order, tci.GenericCommand)
+            apart = np.rad2deg(np.abs(order.values - seen.posture["left_arm"] - answer.motion))
+            assert apart.max() <= 15.0 * 0.24 + 1e-6
+            changed += bool(apart.max() > 0.1)
+    assert changed >= 2
+
+
 def test_the_same_place_is_answered_alike_on_both_sides() -> None:
     touched = TouchedRobot("nao")
     contact = touched.perceive("left_forearm", taxel=50).contacts[0]

@@ -96,6 +96,17 @@ def are_hopeless(
     ]
 
 
+def hopeful(
+    perception: Perception, body: GenericBody, part: str, targets: Array, answers: Sequence[int]
+) -> list[int]:
+    """Indices of the m motions to `targets` (m, n) [rad] that `are_hopeless` doesn't rule out, those first
+    that take the contacts `answers` farthest away."""
+    inwards = body.retreat_at_ends(perception, part, targets)[0]
+    away = inwards[:, answers].max(axis=1)
+    fine = (inwards.min(axis=1) >= -PRESSED) & (away >= LEAST)
+    return [k for k in np.argsort(-away, kind="stable").tolist() if fine[k]]
+
+
 def _why_kept(inwards: Sequence[float], across: Sequence[float], least: float) -> str:
     """Why a contact point does not move far enough away from the object, or not directly enough; empty if it
     does.

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from tci.body.generic_body import GenericBody
 from tci.capabilities.answer import blend, field_table, find_answers, segments_of
+from tci.capabilities.beside import SHORT, beside
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields, default_surround
 from tci.capabilities.needs import Need
@@ -160,7 +162,10 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         """
         wishes = self._wishes(perception.contacts, perception.posture) if len(perception.contacts) else {}
         mode = Mode.of(self.mode)
-        after = withdraw_all(memory, wishes, perception, body, refractory=self.refractory, mode=mode)
+        after = withdraw_all(
+            memory, wishes, perception, body, refractory=self.refractory, mode=mode,
+            others=partial(self._others, body) if self.response == "blended" else None,
+        )  # fmt: skip
         if mode is not Mode.VELOCITY:
             return new_targets(memory, after, mode), after
         velocities = {
@@ -195,6 +200,13 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
                     response = Response(field.name, field.motion)
                 wishes.setdefault(site.part, []).append(Wish(response, gain, contact))
         return wishes
+
+    def _others(self, body: GenericBody, part: str, refused: Response) -> list[Response]:
+        """Blends of the same fields beside a refused one."""
+        if body.robot.part(part).segment(refused.name).length < SHORT:
+            return []
+        most = np.abs(self._motions[[one.segment == refused.name for one in self._used]]).max(axis=0)
+        return [Response(refused.name, tuple(row)) for row in beside(np.array(refused.motion), most).tolist()]
 
     def claims(self, memory: WithdrawalMemory) -> frozenset[str]:
         """The arms that withdraw, until `refractory` after their last touch."""

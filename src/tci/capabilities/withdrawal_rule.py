@@ -15,7 +15,7 @@ from typing import Generic, NamedTuple
 import numpy as np
 
 from tci.body.generic_body import GenericBody
-from tci.capabilities.retreat import are_hopeless, why_not
+from tci.capabilities.retreat import are_hopeless, hopeful, why_not
 from tci.capabilities.withdrawal_memory import F, Field, Refusal, Wish, Withdrawal, Withdrawals, target_of
 from tci.errors import CommandError
 from tci.messages import GenericCommand, Mode, Perception
@@ -27,6 +27,9 @@ LEAST_COVERAGE = 0.5
 """A field is blind if the fraction of its healthy taxels is below this value: most touches of the field are
 then missed."""
 
+TRIES = 20
+"""Paths of other responses that are checked in the place of a refused one: each takes about 0.3 ms."""
+
 
 def withdraw_all(
     memory: Withdrawals[F],
@@ -37,6 +40,7 @@ def withdraw_all(
     refractory: float,
     mode: Mode = Mode.POSITION,
     forbids: Callable[[str, Array], str] | None = None,
+    others: Callable[[str, F], Sequence[F]] | None = None,
 ) -> Withdrawals[F]:
     """The withdrawals of all parts after this instant.
 
@@ -49,6 +53,7 @@ def withdraw_all(
         mode: Control mode of the motions.
         forbids: Further check. Receives a part and its target (n,) [rad], and returns the reason why the part
             must not move there; empty if it may.
+        others: Receives a part and its refused response, and returns those that may answer in its place.
 
     Raises CommandError if a touched part has another number of joints than the base motion of its field.
     """
@@ -65,7 +70,7 @@ def withdraw_all(
             if before is not None:
                 motions[part] = before
             continue
-        touched = _Touched(part, own, perception, body, mode, met)
+        touched = _Touched(part, own, perception, body, mode, met, others)
         after, refusal = touched.withdraw(before, refused.get(part))
         if own and after is not None and forbids is not None and (why := forbids(part, after.target)):
             refusal = touched.refusal(why, before)
@@ -115,6 +120,7 @@ class _Touched(NamedTuple, Generic[F]):
     mode: Mode
     met: frozenset[int]
     """Identities of all present contacts."""
+    others: Callable[[str, F], Sequence[F]] | None
 
     def withdraw(
         self, before: Withdrawal[F] | None, refused: Refusal | None
@@ -168,7 +174,23 @@ class _Touched(NamedTuple, Generic[F]):
             if moves and not first and len(ways) > 1:
                 hopeless = self._are_hopeless(origin, ways)
             first = first or why
+        for wishes in ways.values():
+            found = self._other(origin, wishes[0].gain, wishes[0].field, [one.contact for one in wishes])
+            if found is not None:
+                target = target_of(origin, wishes[0].gain, found)
+                return Withdrawal(found, origin, wishes[0].gain, target, now, now, self.met), ""
         return None, first
+
+    def _other(self, origin: Array, gain: float, field: F, answers: Sequence[int]) -> F | None:
+        """The first permitted response in the place of a refused one; None if there is none."""
+        others = self.others(self.part, field) if self.others is not None and any(field.motion) else ()
+        if not others:
+            return None
+        targets = origin + gain * np.array([other.motion for other in others])
+        for k in hopeful(self.perception, self.body, self.part, targets, answers)[:TRIES]:
+            if not self._why_not(target_of(origin, gain, others[k]), answers):
+                return others[k]
+        return None
 
     def _grow(self, withdrawal: Withdrawal[F]) -> tuple[Withdrawal[F], str]:
         """The withdrawal with the gain of a stronger touch of its field, or why it must not go so far."""

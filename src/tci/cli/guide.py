@@ -24,6 +24,7 @@ NEXT = {
     "robots": "tci describe nao",
     "describe": "tci check nao --simulate",
     "new-robot": "tci check robot.xml --simulate",
+    "touch": "tci touches nao",
     "touches": "tci run withdrawal nao --touch \"stroke 'left forearm' 3N 8cm/s\"",
     "check": "tci run withdrawal nao --poke",
     "doctor": "tci demo",

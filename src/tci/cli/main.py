@@ -29,6 +29,7 @@ from tci.cli.robots import robots
 from tci.cli.run import run
 from tci.cli.serve import serve
 from tci.cli.skin import app as skin_app
+from tci.cli.touch import touch
 from tci.cli.touches import touches
 from tci.cli.view import view
 from tci.cli.zenoh import app as zenoh_app
@@ -52,6 +53,7 @@ for command in (
     robots,
     describe,
     new_robot,
+    touch,
     touches,
     check,
     doctor,

@@ -3,7 +3,8 @@ these programs."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -43,16 +44,19 @@ def serve(
     data. The exit status is 1 if the gate is stopped at the end. While it runs, type reset or free.
 
     With --touch or --touches, people touch a simulated robot again and again, so that behaviours of other
-    programs can be tried.
+    programs can be tried. tci touch does it once, when you say so.
 
     Example:  tci serve nao --via zenoh
 
     Example:  tci serve nao --via zenoh --touch "stroke 'left forearm' 3N 8cm/s"
     """
+    from tci.body.generic_body import GenericBody
     from tci.cli.operator import HINT, Operator
-    from tci.cli.touching import ask
+    from tci.cli.touch_desk import TouchDesk
+    from tci.cli.touching import ask, example_touch
     from tci.drivers.info import HARMLESS
     from tci.drivers.registry import connect, open_server
+    from tci.errors import DriverError
     from tci.gate.gate import GateState
     from tci.reasons import OTHERS, Reason, ReasonCounter
     from tci.robot.catalogue import load_robot
@@ -62,15 +66,28 @@ def serve(
 
     described = load_robot(robot)
     asked = ask(described, touch or [], touches)
-    options = {"paced": True} if source == "sim" else {}
+    options: dict[str, Any] = {}
+    if source == "sim":  # people who wait do not change what the skin feels of the robot itself
+        options = {"paced": True, "people": 1} | ({"self_touch": False} if asked is None else {})
     options |= {} if asked is None else asked.options(source)
     arm = arm or source.partition(":")[0] in HARMLESS
     report, served, reasons = LoopReport(), Served(), ReasonCounter()
     opened = connect(described, source, arm=arm, **options)
-    with opened as driver, open_server(driver, via) as server, told_here():
+    with opened as driver, open_server(driver, via) as server, told_here(), ExitStack() as closing:
+        desk, unreachable = None, ""
+        try:
+            desk = closing.enter_context(TouchDesk(driver, via, source))
+        except DriverError as error:
+            unreachable = f"tci touch can't reach this robot: {error}"
         if not as_json:
             words = f"serving {driver.robot.name} as {server.where()}; end with Ctrl-C"
             console.print(words, highlight=False, markup=False)
+        if unreachable and not as_json:
+            console.print(unreachable, style="dim", highlight=False, markup=False)
+        if desk and source == "sim" and not as_json and (example := example_touch(GenericBody(described))):
+            wire = via.partition(":")[0]
+            words = f'to touch it, in another terminal: tci touch {robot} --via {wire} "{example}"'
+            console.print(words, style="dim", highlight=False, markup=False, soft_wrap=True)
 
         operator = Operator(driver.gate)
         stopped = False
@@ -80,6 +97,8 @@ def serve(
 
         def see(tick: Tick) -> None:
             nonlocal stopped, again
+            if desk is not None:
+                desk.see(tick)
             if asked is not None and tick.now > again:
                 asked.begin(driver)
                 again = tick.now + asked.end

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tci.body.generic_body import GenericBody
 from tci.cli.console import console
 from tci.drivers.driver import Driver
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError
+from tci.messages import JointReading
 from tci.robot.description import Robot
 from tci.touches.laid import LaidTouches
 from tci.touches.planned_touch import PlannedTouch
@@ -51,16 +53,7 @@ class Asked:
 
     def tell(self) -> None:
         """Prints one line for each touch, and what the robot can't feel of it."""
-        for one, share in zip(self.planned, self.shares, strict=True):
-            lasts = f"{one.peak:.3g} N for {one.end - one.onset:.2f} s"
-            words = f"{one.onset:8.3f} s  {one.kind.name} {one.touch.place}, on {one.patch}: {lasts}"
-            console.print(words, style="dim", highlight=False, markup=False)
-            if share < FELT and not self.robot.patch(one.patch).through_joints:
-                name = self.robot.name
-                words = (
-                    f"only {100 * share:.0f} % of it falls on taxels; places with skin: tci touches {name}"
-                )
-                console.print(words, style="yellow", highlight=False, markup=False)
+        tell_rows(self.robot, self.rows())
 
     def missed(self, driver: Driver) -> list[str]:
         """Touches for which a hand found no room, with the reason."""
@@ -69,7 +62,11 @@ class Asked:
         return [f"{time:.3f} s: {reason}" for hand in hands for time, reason in hand.missed]
 
     def to_json(self, driver: Driver) -> dict[str, Any]:
-        rows = [
+        return {"touches": self.rows(), "missed_touches": self.missed(driver)}
+
+    def rows(self) -> list[dict[str, Any]]:
+        """What begins, one row of JSON values for each touch."""
+        return [
             {
                 "kind": one.kind.name, "place": one.touch.place, "patch": one.patch,
                 "onset_s": round(one.onset, 4), "end_s": round(one.end, 4), "force_N": round(one.peak, 4),
@@ -77,23 +74,60 @@ class Asked:
             }
             for one, share in zip(self.planned, self.shares, strict=True)
         ]  # fmt: skip
-        return {"touches": rows, "missed_touches": self.missed(driver)}
 
 
-def ask(robot: Robot, words: Sequence[str], file: Path | None) -> Asked | None:
-    """The touches of both options on a robot; None if neither is given. Raises the errors of `read_touches`
-    and `plan`."""
+def tell_rows(robot: Robot, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Prints one line for each touch (`Asked.rows`), and what the robot can't feel of it."""
+    for row in rows:
+        begin, end, on_taxels = row["onset_s"], row["end_s"], row["on_taxels"]
+        lasts = f"{row['force_N']:.3g} N for {end - begin:.2f} s"
+        words = f"{begin:8.3f} s  {row['kind']} {row['place']}, on {row['patch']}: {lasts}"
+        console.print(words, style="dim", highlight=False, markup=False)
+        if on_taxels < FELT and not robot.patch(row["patch"]).through_joints:
+            few = f"only {100 * on_taxels:.0f} % of it falls on taxels"
+            words = f"{few}; places with skin: tci touches {robot.name}"
+            console.print(words, style="yellow", highlight=False, markup=False)
+
+
+def example_touch(body: GenericBody) -> str:
+    """A line of words for a touch that this robot can feel; empty without skin."""
+    from tci.touches.places import place_words
+
+    places = [*place_words(body), *(patch.name for patch in body.robot.patches)]
+    if any(words.startswith("left forearm") for words in places):
+        return "stroke 'left forearm' 3N 8cm/s"
+    return f"press '{places[0]}' 3N" if places else ""
+
+
+def ask(
+    robot: Robot,
+    words: Sequence[str],
+    file: Path | None,
+    *,
+    body: GenericBody | None = None,
+    joints: JointReading | None = None,
+) -> Asked | None:
+    """The touches of both options on a robot; None if neither is given.
+
+    Args:
+        robot: the robot.
+        words: lines of words.
+        file: a sequence of touches.
+        body: the robot's body, if there is one already.
+        joints: its posture, by default the initial one.
+
+    Raises the errors of `read_touches` and `plan`.
+    """
     if not words and file is None:
         return None
-    from tci.body.generic_body import GenericBody
     from tci.simulation.touching import people_needed
     from tci.touches.events import kinds_beside, read_touches
     from tci.touches.kinds import KINDS
     from tci.touches.planned_touch import plan
 
-    body, kinds = GenericBody(robot), KINDS if file is None else kinds_beside(file)
+    body, kinds = body or GenericBody(robot), KINDS if file is None else kinds_beside(file)
     read = () if file is None else read_touches(file, body=body, kinds=kinds)
-    planned = plan(body, [*read, *words], kinds=kinds)
+    planned = plan(body, [*read, *words], kinds=kinds, joints=joints)
     laid = LaidTouches(body, planned)
     shares = tuple(laid.share(number) for number in range(len(planned)))
     return Asked(robot, planned, shares, people_needed(planned))

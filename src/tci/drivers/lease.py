@@ -192,6 +192,14 @@ def held(name: str) -> Lease | None:
     return next((one for one in tuple(_HELD) if one._locked and one._path == path), None)
 
 
+def own_folder() -> Path:
+    """The folder of leases, which only this user may write to; made if it is missing. Raises DriverError as
+    `Lease` does."""
+    folder = _folder()
+    _make(folder)
+    return folder
+
+
 def _path(name: str) -> Path:
     return _folder() / f"{hashlib.sha256(name.encode()).hexdigest()[:24]}.lease"
 

@@ -178,8 +178,9 @@ class World:
         return planned
 
     @exclusive
-    def touch_as_planned(self, planned: Sequence[PlannedTouch]) -> None:
-        """Has the people do touches that are planned already. Raises the errors of `touch`."""
+    def touch_as_planned(self, planned: Sequence[PlannedTouch]) -> float:
+        """Has the people do touches that are planned already. Returns the time [s] of this world from which
+        their onsets count. Raises the errors of `touch`."""
         needed = people_needed(planned)
         if needed > len(self._people):
             raise CommandError(
@@ -193,6 +194,7 @@ class World:
                 (person.right if side else person.left).touch(
                     path, start=self.time + late + one.onset - APPROACH
                 )
+        return self.time + late
 
     def obstacle(self, name: str) -> PlacedObstacle:
         """An obstacle of this world. Raises UnknownNameError for another name."""

@@ -277,8 +277,12 @@ class ALMemory:
 
     @qi.bind(qi.Void, [qi.String, qi.Dynamic])
     def insertData(self, key: str, value: Any) -> None:
-        """Inserts a value."""
+        """Inserts a value. At a key of the robot itself, such as a tactile switch, it hides what the robot
+        says until 0 is inserted."""
         with self._lock:
+            if key in self._live and isinstance(value, int | float) and value == 0:
+                self._own.pop(key, None)
+                return
             if len(self._own) >= LONGEST and key not in self._own:
                 raise ValueError(f"{LONGEST} keys; there is no room for more")
             self._own[key] = (value, time.time())

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,14 @@ from tci.messages import Contact
 from tci.touches import Touch, write_touches
 
 STROKE = Touch("stroke", "left forearm 0.3..0.7", 0.6, force=3.0, speed=0.08)
+
+
+@pytest.fixture(autouse=True)
+def own_folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Other tests serve the same robot at the same time."""
+    with TemporaryDirectory() as folder:  # pytest's own are too long for a socket's name
+        monkeypatch.setenv("TCI_LEASES", folder)
+        yield
 
 
 def felt_over(robot: str, name: str, reach: str, *words: str) -> tuple[list[Contact], dict[str, Any]]:
@@ -54,7 +64,7 @@ def test_a_stroke_of_a_file_is_felt_over_the_wire(name: str, tmp_path: Path) -> 
             contacts, said = felt_over("nao", name, reach, "--touches", str(tmp_path / "stroke.tsv"))
         finally:
             one.kill()
-    (told,) = said["touches"]
+    (told,) = said.get("touches", [said])
     assert (told["kind"], told["force_N"]) == ("stroke", 3.0)
     assert {contact.patch for contact in contacts} == {"left_forearm"}
     forces = np.array([contact.force for contact in contacts])

@@ -34,6 +34,12 @@ EARLIER = 0.15
 """Time [s] by which the way back ends before the contact was seen: by then the joint was not held yet."""
 FURTHER = float(np.deg2rad(3.0))
 """Angle [rad] of each further way back while the joint is still held."""
+CLEAR = 0.35
+"""Fraction of `held` below which nothing holds a joint for certain. Dry friction that bends a good servo by
+half a degree is less."""
+AT_REST = 0.6
+"""Fraction of `held` at which a joint counts as held once its reference has rested for `lag` and a little:
+nothing lags then, so less tells more."""
 SETTLES = 0.12
 """Time [s] after the end of a way back at which a joint is judged: it lags by less."""
 PROGRESS, SLOWEST, SHARE = 0.05, float(np.deg2rad(2.0)), 0.4
@@ -126,6 +132,8 @@ class _Group:
     """Force [N] that a capability handles itself."""
     until: float = -np.inf
     """How long it does [s]."""
+    clear: float = -np.inf
+    """When nothing held any of its joints last [s]."""
     bent: Array | None = None
     """Angles [rad] between reference and joint when it rested unloaded: gravity's work."""
     soft: bool = False
@@ -192,6 +200,7 @@ class ContactReaction:
         self._past: deque[tuple[float, Array]] = deque()
         self._readings: deque[tuple[float, Array]] = deque()
         self._side = np.zeros(len(robot.servos))  # where each joint pushes: 1 towards larger angles
+        self._pull = np.zeros(len(robot.servos))  # by which angle [rad] each held joint is behind
         self._stamp = self._now = -np.inf
         self._freeing = False
         self.blocked: frozenset[int] = frozenset()
@@ -232,7 +241,8 @@ class ContactReaction:
         self._stamp = -np.inf
         for group in self._groups.values():
             group.reactions.clear()
-            group.outside, group.since, group.free, group.moved = 0, np.inf, None, -np.inf
+            group.outside, group.since, group.free = 0, np.inf, None
+            group.moved = group.clear = -np.inf
             if group.goal is None:
                 group.path.clear()
 
@@ -292,7 +302,10 @@ class ContactReaction:
 
     def _look(self, group: _Group, seen: _Seen, *, freeing: bool) -> tuple[Array | None, Reason | None]:
         """At a group that nothing has met so far: where it must go, and why."""
-        held = seen.error > self._settings.held
+        rests = self._now - group.moved > self._settings.lag + PROGRESS
+        held = seen.error > self._settings.held * (AT_REST if rests else 1.0)
+        if seen.error < CLEAR * self._settings.held:
+            group.clear = seen.joints.stamp
         group.outside = group.outside + 1 if held else 0
         if group.outside == 1:
             group.seen = seen.joints.stamp
@@ -303,7 +316,7 @@ class ContactReaction:
         if group.outside >= 2 and self._moves(group) and not expected:
             behind = np.rad2deg(seen.error)
             what = f"{self._robot.servos[seen.worst].name} is held {behind:.1f} degrees behind"
-            since = group.seen - EARLIER, seen.worst
+            since = min(group.seen - EARLIER, group.clear - self._settings.lag), seen.worst
         elif seen.felt.made > max(self._settings.felt, allowed):
             since = seen.joints.stamp - EARLIER, None
         elif freeing and (held or seen.felt.force > LIGHT):
@@ -313,7 +326,8 @@ class ContactReaction:
             return self._yield(group, seen, max(self._settings.felt, allowed)), None
         position = seen.joints.position
         if group.answer == "retreat" or group.slow:
-            goal = self._back(group, position, *since, self._side[seen.worst])
+            before, worst = since
+            goal = self._back(group, position, before, None if worst is None else self._pull[group.servos])
         elif group.answer == "soft":
             goal = position[group.servos].copy()
         else:
@@ -375,15 +389,15 @@ class ContactReaction:
         group.since = min(group.since, self._now)
         if self._now - group.since < SETTLES:
             return None
-        held = seen.error > 0.5 * self._settings.held
+        held = seen.error > CLEAR * self._settings.held
         if held or seen.felt.force > LIGHT:
             group.free = None
             if group.answer == "stop" and not group.slow:
                 return None
             here = seen.joints.position
             if group.path and (group.answer == "retreat" or group.slow):
-                worst = seen.worst if held else None
-                return self._go(group, self._back(group, here, np.inf, worst, self._side[seen.worst]))
+                pull = self._pull[group.servos] if held else None
+                return self._go(group, self._back(group, here, np.inf, pull))
             # nowhere to go: the reference goes where the joint is
             same = group.goal is not None and np.array_equal(here[group.servos], group.goal)
             return None if same else self._go(group, here[group.servos].copy())
@@ -445,11 +459,13 @@ class ContactReaction:
             stands = (least > SLOWEST) & (gone < SHARE * least)
             error[stands] = np.maximum(error, self._settings.held + least - gone)[stands]
         error[goes] = 0.0
+        pull = self._side * np.nan_to_num(error)
+        self._pull = np.where(np.abs(pull) < 0.5 * CLEAR * self._settings.held, 0.0, pull)
         return error
 
     def _walk_all(self, joints: JointReading, reference: Reference) -> None:
         for group in self._groups.values():
-            group.outside, group.soft = 0, False
+            group.outside, group.soft, group.clear = 0, False, joints.stamp
             self._walk(group, joints)
             if not self._moves(group):
                 here = joints.position
@@ -467,23 +483,22 @@ class ContactReaction:
             words = f"{group.name} met something {OFTEN} times within {WITHIN:.0f} s"
             self.reason = Reason(Code.CONTACT, words)
 
-    def _back(
-        self, group: _Group, position: Array, before: float, held: int | None = None, side: float = 0.0
-    ) -> Array:
-        """The latest posture of the path before the time `before` [s] that takes the joint `held` away from
-        what it pushes on `side`, or without one any joint, by `FURTHER`; the path is used up to there. Else
-        the posture that takes it farthest away, or here: never nearer to what it pushes."""
+    def _back(self, group: _Group, position: Array, before: float, pull: Array | None) -> Array:
+        """The latest posture of the path before the time `before` [s] that is `FURTHER` away from what the
+        joints `pull` (k,) [rad] towards, or without it, `FURTHER` away from here; the path is used up to
+        there. Else the posture that is farthest away, or here: never nearer to what they push."""
         here: Array = position[group.servos]
-        place = None if held is None else int(np.searchsorted(group.servos, held))
-        best, most = here.copy(), 0.0
-        while group.path:
-            stamp, posture = group.path.pop()
+        path = list(group.path)
+        best, most, last = here.copy(), 0.0, len(path)
+        for number in reversed(range(len(path))):
+            stamp, posture = path[number]
             way = posture - here
-            away = float(np.abs(way).max() if place is None else -side * way[place])
-            if stamp <= before and away >= FURTHER:
-                return posture
+            away = float(np.abs(way).max() if pull is None else -(pull @ way) / np.linalg.norm(pull))
             if away > most:
-                best, most = posture, away
+                best, most, last = posture, away, number
+                if stamp <= before and away >= FURTHER:
+                    break
+        group.path = deque(path[:last])
         return best
 
     def _walk(self, group: _Group, joints: JointReading) -> None:

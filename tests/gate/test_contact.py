@@ -421,7 +421,7 @@ def test_a_resting_arm_that_is_pushed_by_hand_does_not_retreat() -> None:
         assert safe.position[0] == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize(("name", "seed"), [("icub", 0), ("icub", 1), ("nao", 5)])
+@pytest.mark.parametrize(("name", "seed"), [("icub", 0), ("icub", 1), ("icub", 4), ("nao", 5)])
 def test_a_clamped_person_is_freed(name: str, seed: int) -> None:
     """65 N is the least quasi-static limit of ISO/TS 15066; bare links of stiff servos stay above it for up
     to 0.35 s."""

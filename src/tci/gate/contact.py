@@ -200,7 +200,7 @@ class ContactReaction:
         self._past: deque[tuple[float, Array]] = deque()
         self._readings: deque[tuple[float, Array]] = deque()
         self._side = np.zeros(len(robot.servos))  # where each joint pushes: 1 towards larger angles
-        self._pull = np.zeros(len(robot.servos))  # by which angle [rad] each held joint is behind
+        self._pull = np.zeros(len(robot.servos))  # by which angle [rad] each joint is behind its reference
         self._stamp = self._now = -np.inf
         self._freeing = False
         self.blocked: frozenset[int] = frozenset()
@@ -459,7 +459,7 @@ class ContactReaction:
             stands = (least > SLOWEST) & (gone < SHARE * least)
             error[stands] = np.maximum(error, self._settings.held + least - gone)[stands]
         error[goes] = 0.0
-        pull = self._side * np.nan_to_num(error)
+        pull = np.nan_to_num(rows[-1] - joints.position)  # what lags goes the same way
         self._pull = np.where(np.abs(pull) < 0.5 * CLEAR * self._settings.held, 0.0, pull)
         return error
 

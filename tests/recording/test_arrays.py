@@ -136,3 +136,15 @@ def test_an_import_is_replayed_like_a_recording(tmp_path: Path) -> None:
     with connect("nao", f"replay:{out}") as driver:
         stamps = {frame.stamp for _ in driver.ticks() for frame in driver.read().skin}
     assert len(stamps) == len(TIMES)
+
+
+@pytest.mark.parametrize(("mark", "point"), [(",", "."), (";", "."), (";", ","), ("\t", ",")])
+def test_tables_of_any_country_are_read(mark: str, point: str, tmp_path: Path) -> None:
+    rows = ["time,x0,x1", "0.00,1.5,-2", "", "0.01,3.5,4"]
+    cells = [[cell.replace(".", point) for cell in row.split(",")] for row in rows]
+    text = "\n".join(map(mark.join, cells))
+    (tmp_path / "a.csv").write_text(text)
+    (tmp_path / "map.toml").write_text('time = "time"\n[skin.tip]\nvalues = "x0:x1"')
+    assert import_arrays(tmp_path / "a.csv", tmp_path / "a.mcap", tmp_path / "map.toml") == 2
+    values = [frame.values.tolist() for frame in Recording(tmp_path / "a.mcap").frames()]
+    assert values == [[1.5, -2.0], [3.5, 4.0]]

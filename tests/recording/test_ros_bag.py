@@ -18,10 +18,12 @@ from helpers.command_line import tci
 from helpers.recorded import record_poke, two_parts
 from tci.errors import RecordingError
 from tci.messages import Reading
+from tci.recording.names import servo_names
 from tci.recording.recording import Recording
 from tci.recording.ros_bag import _joints, import_ros_bag
 from tci.recording.schemas import SKIN
 from tci.robot.catalogue import load_robot
+from tci.robot.joint_map import initial_position
 from tci.runtime.loop import Tick
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -100,7 +102,7 @@ def write_bag(
 @pytest.mark.parametrize("kind", ["ros1", "sqlite", "mcap"])
 def test_a_bag_becomes_a_recording_bit_for_bit(kind: str, ticks: list[Tick], tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", ticks, kind, by_model=kind == "mcap")
-    assert import_ros_bag(bag, tmp_path / "out.mcap", load_robot("nao")) == len(ticks)
+    assert import_ros_bag(bag, tmp_path / "out.mcap", load_robot("nao")).periods == len(ticks)
     for found, tick in zip(Recording(tmp_path / "out.mcap").ticks(), ticks, strict=True):
         assert found.now == pytest.approx(tick.now, abs=1e-9)
         for name in ("position", "velocity", "torque"):
@@ -143,7 +145,7 @@ def test_what_comes_twice_or_late_is_left_out_and_a_second_run_refused(
 ) -> None:
     again = [*ticks[:20], *ticks[10:30]]
     bag = write_bag(tmp_path / "again", again, "mcap")
-    assert import_ros_bag(bag, tmp_path / "a.mcap", load_robot("nao")) == 30
+    assert import_ros_bag(bag, tmp_path / "a.mcap", load_robot("nao")).periods == 30
     runs = [replace(ticks[10], reading=_at(ticks[10].reading, 5.0)), ticks[11]]
     bag = write_bag(tmp_path / "runs", runs, "mcap")
     with pytest.raises(RecordingError, match=r"clock goes back from 5\.000 to 0\.\d+ s; valid"):
@@ -199,3 +201,70 @@ def test_servos_of_equal_names_are_told_apart_by_their_part(tmp_path: Path) -> N
     assert found is not None
     assert found.position.tolist() == [2.0, 0.0, 1.0]
     assert _joints(state("servo0", "servo1"), robot, 0.0, 0) is None
+
+
+def small_bag(path: Path, joints: dict[str, float], *, points: bool = False, force: bool = False) -> Path:
+    """Writes 5 messages of each kind as other people's programs do: joint states, unless `joints` is empty,
+    a cloud of points with 2-byte raw values, and a wrench."""
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    make = types.types
+    plugin = StoragePlugin.MCAP
+    with Writer2(path, version=9, storage_plugin=plugin) as writer:
+
+        def send(topic: str, kind: str, number: int, *fields: Any) -> None:
+            connection = next((c for c in writer.connections if c.topic == topic), None)
+            connection = connection or writer.add_connection(topic, kind, typestore=types)
+            time = make["builtin_interfaces/msg/Time"](1700000000, number * 10_000_000)
+            message = make[kind](make["std_msgs/msg/Header"](time, ""), *fields)
+            writer.write(connection, 1700000000 * 10**9 + number * 10**7, types.serialize_cdr(message, kind))
+
+        for number in range(5):
+            if points:
+                field = make["sensor_msgs/msg/PointField"]("raw", 2, 4, 1)
+                channels = load_robot("nao").patch("left_forearm").channels
+                data = np.zeros((channels, 4), np.uint8)
+                data[:, 2] = number
+                cloud = 1, channels, [field], False, 4, data.size, data.ravel(), True
+                send("/skin/left_forearm/points", "sensor_msgs/msg/PointCloud2", number, *cloud)
+            if force:
+                vector = make["geometry_msgs/msg/Vector3"](0.0, 0.0, 1.0)
+                wrench = make["geometry_msgs/msg/Wrench"](vector, vector)
+                send("/ft", "geometry_msgs/msg/WrenchStamped", number, wrench)
+            if joints:
+                values = np.array([*joints.values()])
+                send("/joint_states", JOINT_STATE, number, [*joints], values, 0 * values, 0 * values)
+    return path
+
+
+def at_rest() -> dict[str, float]:
+    robot = load_robot("nao")
+    return dict(zip(servo_names(robot), initial_position(robot).tolist(), strict=True))
+
+
+def test_a_bag_without_joint_states_says_what_it_has(tmp_path: Path) -> None:
+    bag = small_bag(tmp_path / "bag", {}, force=True)
+    with pytest.raises(RecordingError, match=r"no sensor_msgs/msg/JointState .*; it has /ft \(geometry_msgs"):
+        import_ros_bag(bag, tmp_path / "a.mcap", load_robot("nao"))
+    assert not (tmp_path / "a.mcap").exists()
+
+
+def test_clouds_of_points_are_skin_and_other_topics_are_named(tmp_path: Path) -> None:
+    bag = small_bag(tmp_path / "bag", at_rest(), points=True, force=True)
+    done = import_ros_bag(bag, tmp_path / "a.mcap", load_robot("nao"))
+    assert done.left_out == ("/ft, 5 messages of geometry_msgs/msg/WrenchStamped",)
+    assert not done.doubts
+    frames = list(Recording(tmp_path / "a.mcap").frames())
+    assert [(f.patch, set(f.values.tolist()), f.values.dtype.name) for f in frames] == [
+        ("left_forearm", {number}, "uint16") for number in range(5)
+    ]
+
+
+def test_angles_that_no_robot_measures_are_doubted(tmp_path: Path) -> None:
+    degrees = {name: float(np.rad2deg(angle)) for name, angle in at_rest().items()}
+    said = import_ros_bag(small_bag(tmp_path / "deg", degrees), tmp_path / "a.mcap", load_robot("nao")).doubts
+    far = {name for name, angle in degrees.items() if abs(angle) > 10.0}
+    assert far <= {one.split()[0] for one in said}
+    assert any(one.endswith("degrees? valid: radians") for one in said)
+    dead = at_rest() | {"LHand": np.nan}
+    printed = tci("log", "import", str(small_bag(tmp_path / "nan", dead)), str(tmp_path / "b.mcap"), "nao")
+    assert "LHand is not a number in all 5 joint states" in printed

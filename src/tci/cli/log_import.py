@@ -90,7 +90,16 @@ def import_(
             raise RecordingError(
                 f"{log} is a ROS bag, which does not name its robot; valid: tci log import {log} {out} ROBOT"
             )
-        counts = {"periods": import_ros_bag(log, out, words)}
+        done = import_ros_bag(log, out, words)
+        written(
+            out,
+            {"periods": done.periods},
+            {"left_out": done.left_out, "doubts": done.doubts},
+            as_json=as_json,
+        )
+        for said in () if as_json else (*done.doubts, *(f"left out: {one}" for one in done.left_out)):
+            console.print(f"  {said}", style="yellow", highlight=False, markup=False)
+        return
     elif log.suffix.lower() in SUFFIXES:
         if mapping is None:
             raise RecordingError(f"{log} holds arrays, whose meaning is unknown; valid: --map FILE.toml")
@@ -105,9 +114,9 @@ def import_(
                 f"{log} is a contact list, which does not name its robot; "
                 f"valid: tci log import {log} {out} ROBOT"
             )
-        done = import_contact_list(log, out, words, tables=tables)
-        fits = done.parts
-        counts = {"periods": done.periods, "contacts_left_out": done.left_out}
+        listed = import_contact_list(log, out, words, tables=tables)
+        fits = listed.parts
+        counts = {"periods": listed.periods, "contacts_left_out": listed.left_out}
     else:
         counts = {"frames": import_yarp_log(log, out, patch=patch, robot=words)}
     more = {"parts": [_facts(fit) for fit in fits]} if fits else {}

@@ -240,9 +240,14 @@ def _numbers(file: Path, name: str, array: Any) -> Numbers:
 
 def _csv_rows(file: Path, names: Mapping) -> Iterator[tuple[float, list[Numbers]]]:
     with file.open(encoding="utf-8-sig", errors="replace", newline="") as lines:
-        rows = csv.reader(_bounded(lines, file))
+        text = _bounded(lines, file)
         try:
-            head = [cell.strip() for cell in next(rows, [])]
+            first = next(text, "")
+            mark = "\t" if "\t" in first else ";" if ";" in first else ","
+            head = [cell.strip() for cell in next(csv.reader([first], delimiter=mark), [])]
+            rows = csv.reader(
+                text if mark == "," else (line.replace(",", ".") for line in text), delimiter=mark
+            )
             if len(set(head)) < len(head):
                 double = next(name for name in head if head.count(name) > 1)
                 raise RecordingError(f"{file} has two columns {double!r}; valid: each name once")
@@ -250,7 +255,7 @@ def _csv_rows(file: Path, names: Mapping) -> Iterator[tuple[float, list[Numbers]
             time = None if names.time is None else _time(file, head, names.time)
             _check_columns(file, head, names, blocks, time)
             for number, row in enumerate(rows, start=2):
-                if not row:
+                if not any(map(str.strip, row)):
                     continue
                 if len(row) != len(head):
                     raise RecordingError(
@@ -263,7 +268,9 @@ def _csv_rows(file: Path, names: Mapping) -> Iterator[tuple[float, list[Numbers]
                 values: list[Array] = [np.array(row[block], dtype=np.float64) for block in blocks]
                 yield float(read[0]) if read else 0.0, list(values)
         except csv.Error as error:
-            raise RecordingError(f"{file}: {error}; valid: cells separated by commas") from None
+            raise RecordingError(
+                f"{file}: {error}; valid: cells separated by commas, semicolons or tabs"
+            ) from None
 
 
 def _bounded(lines: IO[str], file: Path) -> Iterator[str]:

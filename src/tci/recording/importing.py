@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from tci.errors import RecordingError
 from tci.messages import JointReading, Reading, SkinFrame
+from tci.messages.frames import Array
 from tci.recording.recorder import Recorder
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
@@ -27,6 +29,60 @@ FARTHEST = 2**63 / 1e9
 LONGEST_LINE = 2**20
 """Longest line [characters] that is read. Assumed: this length limits the memory that a damaged or hostile
 file can use."""
+
+
+BEYOND = 0.2
+"""Angle [rad] beyond a joint's limits from which an imported angle is doubted. Assumed: calibration and
+elastic joints are off by less."""
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """What became of a file of another program."""
+
+    periods: int
+    doubts: tuple[str, ...] = ()
+    """What can't be as the file says, a sentence each."""
+    left_out: tuple[str, ...] = ()
+    """What the file has and the recording has not."""
+
+
+class Plausibility:
+    """Watches imported angles [rad] for what no robot measures."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._missing = np.zeros(len(robot.servos), int)
+        self._least = np.full(len(robot.servos), np.inf)
+        self._most = -self._least
+        self._count = 0
+
+    def see(self, angles: Array) -> None:
+        self._count += 1
+        self._missing += ~np.isfinite(angles)
+        self._least, self._most = np.fmin(self._least, angles), np.fmax(self._most, angles)
+
+    def doubts(self) -> tuple[str, ...]:
+        found = []
+        for servo, missing, least, most in zip(
+            self._robot.servos, self._missing, self._least, self._most, strict=True
+        ):
+            if missing == self._count:
+                found.append(
+                    f"{servo.name} is not a number in all {self._count} joint states, so that a behaviour "
+                    "holds; valid: a description without this joint"
+                )
+                continue
+            if missing:
+                found.append(f"{servo.name} is not a number in {missing} of {self._count} joint states")
+            lower = -np.inf if servo.limits.lower is None else servo.limits.lower
+            upper = np.inf if servo.limits.upper is None else servo.limits.upper
+            worst = most if most - upper > lower - least else least
+            if max(most - upper, lower - least) > BEYOND:
+                limits = f"limits {lower:.2f} to {upper:.2f}"
+                degrees = "; degrees? valid: radians" if abs(worst) > np.pi else ""
+                found.append(f"{servo.name} {worst:.1f} rad; {limits}{degrees}")
+        return tuple(found)
 
 
 @contextmanager

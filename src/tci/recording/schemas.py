@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.errors import RecordingError
+from tci.errors import FrameError, RecordingError
 from tci.gate.safe_command import SafeCommand
 from tci.messages import (
     CartesianCommand,
@@ -116,6 +116,9 @@ CLOUD = MessageType(
     needs=(("sensor_msgs/PointField",
             (("string", "name"), ("uint32", "offset"), ("uint8", "datatype"), ("uint32", "count"))),),
 )  # fmt: skip
+
+FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+"""NumPy's type code for each datatype of the ROS message PointField."""
 
 
 def header(stamp: float, frame: str = "") -> tuple[int, int, str]:
@@ -254,6 +257,22 @@ def cloud_fields(points: NDArray[np.float32]) -> tuple[Any, ...]:
     fields = [(name, 4 * place, float32, 1) for place, name in enumerate(names)]
     data = np.frombuffer(points.tobytes(), dtype=np.uint8)
     return 1, len(points), fields, False, 16, 16 * len(points), data, True
+
+
+def raw_of_cloud(fields: Mapping[str, Any]) -> NDArray[np.generic]:
+    """Returns the field `raw` (n,) of a PointCloud2. Raises FrameError if the field is missing or its size is
+    wrong."""
+    field = next((field for field in fields["fields"] if field["name"] == "raw"), None)
+    if field is None or field["datatype"] not in FORMATS or fields["is_bigendian"]:
+        raise FrameError("PointCloud2: no little-endian field named raw")
+    dtype = np.dtype("<" + FORMATS[field["datatype"]])
+    step, data = int(fields["point_step"]), fields["data"]
+    count = int(fields["width"]) * int(fields["height"])
+    offset = int(field["offset"])
+    if offset + dtype.itemsize > step or count * step != len(data):
+        raise FrameError(f"PointCloud2: {count} points of {step} bytes, raw at {offset}, {len(data)} bytes")
+    column = np.asarray(data).reshape(count, step)[:, offset : offset + dtype.itemsize]
+    return np.frombuffer(column.tobytes(), dtype=dtype)
 
 
 def to_frame(fields: Mapping[str, Any]) -> SkinFrame:

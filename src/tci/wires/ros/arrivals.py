@@ -20,9 +20,6 @@ from tci.robot.kinematics import KinematicChain
 MOST_ORDERS = 32
 """Largest number of different lists of joint names that TCI stores for one robot. Assumed: a robot has fewer
 publishers, and each publisher always sends the same list."""
-FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-"""NumPy's type code for each datatype of the ROS message PointField."""
-
 SILENT = 0.1
 """Longest time [s] by which the latest acceleration may be older than the joint data. If the acceleration is
 older, TCI does not use torques to detect touches. Assumed: in this time the robot's base leans by at most 6
@@ -180,19 +177,3 @@ class SkinArrivals:
             return
         self._sequence += 1
         self.latest = SkinFrame(self._patch, stamp, self._sequence, values)
-
-
-def raw_of_cloud(fields: Mapping[str, Any]) -> NDArray[np.generic]:
-    """Returns the field `raw` (n,) of a PointCloud2. Raises FrameError if the field is missing or its size is
-    wrong."""
-    field = next((field for field in fields["fields"] if field["name"] == "raw"), None)
-    if field is None or field["datatype"] not in FORMATS or fields["is_bigendian"]:
-        raise FrameError("PointCloud2: no little-endian field named raw")
-    dtype = np.dtype("<" + FORMATS[field["datatype"]])
-    step, data = int(fields["point_step"]), fields["data"]
-    count = int(fields["width"]) * int(fields["height"])
-    offset = int(field["offset"])
-    if offset + dtype.itemsize > step or count * step != len(data):
-        raise FrameError(f"PointCloud2: {count} points of {step} bytes, raw at {offset}, {len(data)} bytes")
-    column = np.asarray(data).reshape(count, step)[:, offset : offset + dtype.itemsize]
-    return np.frombuffer(column.tobytes(), dtype=dtype)

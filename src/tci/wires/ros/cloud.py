@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.messages import SkinFrame
-from tci.recording.schemas import header
+from tci.recording.schemas import FORMATS, header
 from tci.robot.description import Patch
 from tci.skin.surfaces import Surface
-from tci.wires.ros.arrivals import FORMATS
 
 DATATYPES = {name: number for number, name in FORMATS.items()}
 FLOAT32 = DATATYPES["f4"]

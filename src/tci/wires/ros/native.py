@@ -15,9 +15,9 @@ from tci.errors import DriverError
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Reading
 from tci.messages.frames import Array
-from tci.recording.schemas import CLOUD, IMU, JOINTS, SKIN, to_frame
+from tci.recording.schemas import CLOUD, IMU, JOINTS, SKIN, raw_of_cloud, to_frame
 from tci.robot.description import Robot
-from tci.wires.ros.arrivals import ImuArrivals, JointArrivals, SkinArrivals, raw_of_cloud
+from tci.wires.ros.arrivals import ImuArrivals, JointArrivals, SkinArrivals
 from tci.wires.ros.messages import NO_LAYOUT, TRAJECTORY, VALUES
 from tci.wires.ros.names import Names
 from tci.wires.ros.node import Callback, Publish, RosNode

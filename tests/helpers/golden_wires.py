@@ -431,7 +431,7 @@ def yarp(name: str) -> tuple[Said, Said]:
         position = b"".join(encode_vector(np.asarray(one.state.position), dialect))
         shown.append([part, position.hex(), encode_bottle(encode_state(one.state, dialect), dialect).hex()])
     contacts = Served(robot).perception.contacts
-    shown.append(["skin_events", encode_bottle(server.encode_events(contacts), dialect).hex()])
+    shown.append(["skin_events", encode_bottle(server.EventForm(robot).encode(contacts), dialect).hex()])
     return written, shown
 
 

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from tci.errors import DescriptionError
 from tci.messages.frames import Array
+from tci.recording.icub_links import link_frame
 from tci.recording.skin_manager import SKIN_PARTS, SkinContact
 from tci.robot.description import Robot, Table
 from tci.robot.skin_files.reader import read_layout
@@ -103,7 +104,7 @@ def _own_table(robot: Robot, surface: Surface) -> Array:
 
     If the description refers to a file of positions for this patch, returns the positions in this file, in
     which channels without a taxel are at 0, as in skinManager. For other patches the positions are in the
-    frame of the link, and channels without a taxel are NaN.
+    frame of iDyn's link or, if this frame is unknown, of the robot's link; channels without a taxel are NaN.
     """
     description = robot.patch(surface.patch)
     if isinstance(description.surface, Table):
@@ -111,7 +112,10 @@ def _own_table(robot: Robot, surface: Surface) -> Array:
         path = Path(robot.source).parent / table.file
         return read_layout(path, form=table.format, sensor=table.sensor).positions
     positions = np.full((description.channels, 3), np.nan)
-    positions[surface.channels] = surface.positions
+    T_LD = link_frame(robot, surface.patch)
+    positions[surface.channels] = (
+        surface.positions if T_LD is None else ((surface.positions - T_LD[:3, 3]) @ T_LD[:3, :3])
+    )
     return positions
 
 

@@ -15,6 +15,7 @@ from yarpwire.network import Network
 from yarpwire.wire import Wire
 
 BINDINGS = "bindings"
+EVENTS = "/skinManager/skin_events:o"
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +38,9 @@ class YarpAddress:
     """`comp` to read drift-compensated skin values, empty to read raw skin values."""
     without: tuple[str, ...] = ()
     """Names of the patches that are not read. In the address, the names are separated by `+`."""
+    events: str = EVENTS
+    """Name of the port with skinManager's list of contacts. If it is empty, `tci serve` opens no such port,
+    so that iCub's own skinManager can have the name."""
 
     def patches(self, robot: Robot) -> tuple[Patch, ...]:
         """Returns the patches that are read. Raises UnknownNameError if the option `without` names a patch
@@ -79,6 +83,8 @@ def parse(text: str) -> YarpAddress:
             found[name] = value.removeprefix("raw")
         elif name == "robot" and value.strip("/"):
             found[name] = value.strip("/")
+        elif name == "events" and (value == "none" or value.startswith("/")):
+            found[name] = value.removeprefix("none")
         elif name == "without" and value:
             found[name] = tuple(value.split("+"))
         else:
@@ -94,7 +100,7 @@ def _valid() -> str:
     return (
         f"HOST:PORT first, then {BINDINGS}, dialect={'|'.join(DIALECTS)}, robot=NAME, "
         f"carrier={'|'.join(CARRIERS)} (with {BINDINGS} any carrier of YARP but text), "
-        "skin=raw|comp, without=PATCH+PATCH, separated by commas"
+        "skin=raw|comp, without=PATCH+PATCH, events=/PORT|none, separated by commas"
     )
 
 

@@ -28,11 +28,11 @@ from tci.robot.description import Robot, wire_name
 from tci.robot.joint_map import initial_position
 from tci.shared.partial_gate import PartialGate
 from tci.wires.yarp import address as addresses
-from tci.wires.yarp.address import board_ports
+from tci.wires.yarp.address import EVENTS, board_ports
 from tci.wires.yarp.board_driver import AHEAD, BoardDriver
 from tci.wires.yarp.diagnose import examine, probe
 from tci.wires.yarp.driver_errors import raises_driver_errors
-from tci.wires.yarp.skin_events import SkinEvent, decode_events
+from tci.wires.yarp.skin_events import EventForm, SkinEvent, decode_events
 from tci.wires.yarp.skin_ports import read_skin
 from yarpwire.dialect import Dialect
 from yarpwire.errors import UnknownNameError, YarpError
@@ -58,7 +58,6 @@ period is enough for the computation."""
 REFUSED = 3.0
 """Time [s] for which a board may refuse or not answer a change of mode, before `write` raises an error.
 Assumed: a board that is starting, or that holds its joints itself, accepts modes again within this time."""
-EVENTS = "/skinManager/skin_events:o"
 _numbers = itertools.count()
 
 
@@ -95,6 +94,7 @@ class YarpDriver(Driver):
         self.skin: dict[str, Feed[NDArray[np.float64]]] = {}
         self._events: Feed[tuple[SkinEvent, ...]] | None = None
         self._own, self._carrier = own, options.carrier
+        self._events_port, self._form = options.events or EVENTS, EventForm(robot)
         self._dialect = dialect = options.dialect or self.network.dialect
         self._joints: JointReading | None = None
         self._home = initial_position(robot)
@@ -135,21 +135,23 @@ class YarpDriver(Driver):
 
     @raises_driver_errors
     def skin_events(self) -> tuple[SkinEvent, ...]:
-        """Returns the latest contacts that the robot's own skinManager has published.
+        """Returns the latest contacts that the robot's own skinManager has published, with vectors in the
+        frames of the robot's links (`SkinEvent.frame`).
 
         Raises DriverError if skinManager is not running.
         """
         if self._events is None:
             try:
                 self._events = Feed(
-                    EVENTS, self.network, self.dialect, lambda d: decode_events(d.items(self.dialect)),
+                    self._events_port, self.network, self.dialect,
+                    lambda d: decode_events(d.items(self.dialect)),
                     own=f"{self._own}/skin_events:i", carrier=self._carrier, clock=SourceClock(),
                 )  # fmt: skip
             except UnknownNameError as error:
                 raise DriverError(f"no skinManager: {error}") from error
             self._events.wait(AWAY)
         latest = self._events.latest
-        return latest.value if latest is not None else ()
+        return self._form.in_links(latest.value) if latest is not None else ()
 
     @classmethod
     def probe(cls, robot: Robot, address: str) -> tuple[Finding, ...]:

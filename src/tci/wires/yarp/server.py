@@ -28,7 +28,7 @@ from tci.wires.yarp.address import YarpAddress, board_ports
 from tci.wires.yarp.driver_errors import raises_driver_errors
 from tci.wires.yarp.facts import FactsService, facts_port
 from tci.wires.yarp.served_board import ServedBoard
-from tci.wires.yarp.skin_events import encode_events
+from tci.wires.yarp.skin_events import EventForm
 from tci.wires.yarp.skin_ports import SkinPorts
 from yarpwire.calls_v3 import answer_v3
 from yarpwire.calls_v4 import answer_v4
@@ -95,7 +95,8 @@ class YarpServer(Server):
                 self.open_board(part)
             for patch in driver.robot.skin:
                 self._skin[patch.name] = SkinPorts(driver.robot, patch, self.prefix, self.dialect, self._open)
-            self._events = self._open("/skinManager/skin_events:o")
+            self._form = EventForm(driver.robot)
+            self._events = self._open(options.events) if options.events else None
             self._open_facts()
         except (DriverError, YarpError):
             self.close()
@@ -155,9 +156,9 @@ class YarpServer(Server):
             extended = f"{where}/stateExt:o"
             if self._ports[extended].outputs:
                 self._write(extended, encode_state(board.state, self.dialect), stamp)
-        if self._events.outputs:
+        if self._events is not None and self._events.outputs:
             self._events.write(
-                encode_events(perception.contacts), self._stamp("events", offset + perception.stamp)
+                self._form.encode(perception.contacts), self._stamp("events", offset + perception.stamp)
             )
 
     @raises_driver_errors

@@ -116,7 +116,7 @@ def test_the_terminal_breaks_the_lines_of_help(name: str) -> None:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["demo", "--fault", "stall@0.3", "--via", "zenoh"], "valid with it: one ROBOT, --json"),
+        (["demo", "--fault", "stall@0.3", "--via", "zenoh"], "valid with them: one ROBOT, --json"),
         (["demo", "--via", "sim"], "no server named 'sim'; valid: lcm"),
         (["demo", "icub", "--via", "naoqi"], "no binding of icub named 'naoqi'"),
         (["run", "withdrawal", "nao", "--duration", "-1"], "valid: above 0 s"),

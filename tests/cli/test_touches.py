@@ -6,7 +6,10 @@ import json
 from pathlib import Path
 
 from helpers.command_line import tci
-from tci.touches import Touch, write_touches
+from tci.body.generic_body import GenericBody
+from tci.lab.experiments.proof import touch_trials
+from tci.robot.catalogue import load_robot
+from tci.touches import Touch, plan, write_touches
 
 STROKE = "stroke 'left forearm back' 0.3..0.7 3N 8cm/s"
 
@@ -37,3 +40,14 @@ def test_kinds_and_places_are_listed() -> None:
     assert {"top of head", "back of left hand"} <= set(told["places"])
     assert "torso" in told["parts_without_skin"]
     assert "--measure needs a robot" in tci("touches", "--measure", status=1)
+
+
+def test_demo_and_check_take_the_same_words() -> None:
+    told = json.loads(tci("demo", "nao", "--touch", "press 'left forearm' 3N 0.3s", "--json"))
+    assert told["touches"][0]["kind"] == "press"
+    assert "left_forearm" in told["touched_N"]
+    assert "one ROBOT" in tci("demo", "nao", "icub", "--touch", STROKE, status=1)
+    robot = load_robot("nao-plain-h21")
+    trials, faults = touch_trials(robot, plan(GenericBody(robot), ["press 'top of head' 4N 0.3s"]))
+    assert (trials[0].patch, trials[0].felt_n > 0.0, faults) == ("head", True, [])
+    assert "add --simulate" in tci("check", "nao", "--touch", STROKE, status=1)

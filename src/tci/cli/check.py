@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,12 +11,13 @@ from rich.markup import escape
 
 from tci.cli import completion
 from tci.cli.console import console, print_json, told_here
-from tci.cli.options import AsJson, RobotName
+from tci.cli.options import AsJson, RobotName, Touches, TouchFile
 from tci.errors import CommandError
 
 if TYPE_CHECKING:
     from tci.lab.experiments.proof import Proof
     from tci.robot.description import Robot
+    from tci.touches.planned_touch import PlannedTouch
 
 
 PROVED = {
@@ -58,6 +60,8 @@ def check(
             help="With --hardware: also measure the friction of joints that detect touches, and write FILE.",
         ),
     ] = None,
+    touch: Touches = None,
+    touches: TouchFile = None,
     as_json: AsJson = False,
 ) -> None:
     """Check a robot description. Prints each fault with the line in the file and the valid values.
@@ -69,7 +73,8 @@ def check(
     --simulate tests the simulated robot. The test compares the axes of the robot's arms with the axes of the
     generic arm, and commands both arms to angles far outside the limits. Then a simulated finger pokes every
     receptive field (skin region that triggers a reflex) of the withdrawal reflexes and the middle of every
-    patch. The touched part must move away from the finger.
+    patch. The touched part must move away from the finger. With --touch or --touches, people also touch the
+    robot, in the words of tci run, while its reflex answers.
 
     --hardware tests the real robot. The test first reads joints and skin. Then the test moves one joint after
     another slowly by 2 degrees. Before each motion, the test asks for your permission; after the motion, the
@@ -93,12 +98,17 @@ def check(
         raise CommandError(
             "--via, --only, --taxels and --friction need a robot to test; valid: add --hardware"
         )
+    from tci.cli.touching import ask
     from tci.lab.commissioning.plausibility import doubts
     from tci.robot.catalogue import load_robot
 
     found = load_robot(robot)
     notes, doubtful = list(remarks(found)), doubts(found)
-    proof = _prove(found, quiet=as_json) if simulate else None
+    asked = ask(found, touch or [], touches)
+    if asked is not None and not simulate:
+        raise CommandError("--touch and --touches need a simulation; valid: add --simulate")
+    planned = () if asked is None else asked.planned
+    proof = _prove(found, planned, quiet=as_json) if simulate else None
     if as_json:
         simulated = {} if proof is None else {"simulated": proof.to_json()}
         print_json({"robot": found.name, "valid": True, "remarks": notes, "doubts": doubtful, **simulated})
@@ -110,7 +120,7 @@ def check(
         raise SystemExit(1)
 
 
-def _prove(robot: Robot, *, quiet: bool) -> Proof:
+def _prove(robot: Robot, touches: Sequence[PlannedTouch], *, quiet: bool) -> Proof:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from tci.lab.experiments.proof import prove
@@ -126,7 +136,7 @@ def _prove(robot: Robot, *, quiet: bool) -> Proof:
 
         # the test commands angles outside all limits on purpose, so the log would list clamps
         with told_here():
-            return prove(robot, progress=show)
+            return prove(robot, touches=touches, progress=show)
 
 
 def _print_proof(proof: Proof) -> None:
@@ -151,6 +161,9 @@ def _print_proof(proof: Proof) -> None:
                 patch.reason or "no receptive field of the two withdrawal reflexes covers this place"
             )
             console.print(f"  note: {patch.patch} did not move: {why}", style="yellow", highlight=False)
+    for touch in proof.touches:
+        words = f"{touch.kind} {touch.place}, on {touch.patch}: asked {touch.asked_n:.3g} N"
+        console.print(f"{words}, felt up to {touch.felt_n:.3g} N", highlight=False, markup=False)
     for fault in proof.faults:
         console.print(f"  [red]{escape(fault)}[/]", highlight=False)
     end = (

@@ -17,7 +17,7 @@ from rich.markup import escape
 from tci.cli import completion
 from tci.cli.console import console, print_json, told_here
 from tci.cli.guide import next_command
-from tci.cli.options import AsJson, Faults, SomeRobots
+from tci.cli.options import AsJson, Faults, SomeRobots, Touches, TouchFile
 from tci.cli.robots import load_robots
 from tci.errors import CommandError, UnknownNameError
 
@@ -55,6 +55,8 @@ def demo(
         ),
     ] = None,
     fault: Faults = None,
+    touch: Touches = None,
+    touches: TouchFile = None,
     view: Annotated[
         bool,
         typer.Option(
@@ -70,22 +72,26 @@ def demo(
     OUT/report.json.
 
     --fault NAME@TIME pokes one robot once, injects the named fault at this time in seconds, and prints each
-    event immediately. --via tests a middleware: this process serves the simulated robot in real time, as tci
+    event immediately. --touch and --touches have people touch one robot instead, in the words of tci run, and
+    print each event. --via tests a middleware: this process serves the simulated robot in real time, as tci
     serve does, and another process runs the reflex.
 
     Example:  tci demo nao --out /path/to/folder
 
     Example:  tci demo --fault stall@0.32
     """
-    if fault:
+    if fault or touch or touches:
         from tci.cli.run import run_capability
 
         if view or via or skin_rate or mode != "position" or len(robot or ()) > 1:
             raise CommandError(
-                "--fault injects a fault into one poke of one robot; valid with it: one ROBOT, --json"
+                "--fault, --touch and --touches are for one robot; valid with them: one ROBOT, --json"
             )
         name = (robot or ["nao"])[0]
-        run_capability("withdrawal", name, rehearsal=True, poke=True, faults=fault, as_json=as_json)
+        run_capability(
+            "withdrawal", name, rehearsal=bool(fault), poke=not (touch or touches), touch=touch or [],
+            touches=touches, faults=fault or [], as_json=as_json,
+        )  # fmt: skip
         return
     if view:
         from tci.cli.view import needs_viewer

@@ -152,7 +152,7 @@ def run_capability(
         if asked is not None:
             asked.begin(driver)
             poked = asked.planned[0].patch
-            duration = asked.end if duration is None else duration
+            duration = asked.end if duration is None else max(duration, asked.end if rehearsal else 0.0)
             if not as_json:
                 asked.tell()
         filmed = _film(driver, film, poked, quiet=as_json) if film is not None else None

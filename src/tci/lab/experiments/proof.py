@@ -3,20 +3,22 @@ skin."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import chain
 from typing import Any, Literal
 
 import numpy as np
 
+from tci.body.generic_body import GenericBody
 from tci.body.posture import to_platform
 from tci.body.touchable import without_skin
 from tci.capabilities.body_withdrawal import BodyWithdrawal
-from tci.capabilities.capability import lacks
+from tci.capabilities.capability import Capability, lacks
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
+from tci.gate.gate import GateState
 from tci.lab.experiments.body_trials import body_trials_of
 from tci.lab.experiments.checker import command_violations, physics_violations
 from tci.lab.experiments.experiment import SIDES, trial_places, trials_of
@@ -30,7 +32,11 @@ from tci.robot.generic_arm import JOINTS, forearm_rotation, side_sign, upper_arm
 from tci.robot.joint_map import initial_position
 from tci.robot.kinematics import KinematicChain
 from tci.runtime.control import Control
+from tci.runtime.loop import Tick, run
+from tci.simulation.touching import people_needed
 from tci.simulation.world import World
+from tci.touches.laid import LaidTouches
+from tci.touches.planned_touch import PlannedTouch
 
 RANGE = np.deg2rad([[-10, 95], [0, 75], [-30, 65], [15, 90], [-60, 60]])
 """Range [rad] of each generic angle in the random postures for `compare_axes`, one row for each joint from
@@ -49,6 +55,10 @@ SLOWEST = {50.0: 43.0, 100.0: 33.0}
 """Longest permitted time [ms] from touch to motion, by the frame rate [Hz] of the skin. The time consists of
 one frame period of the skin, and of 23 ms for gate and servo. Assumed: the robots in `tci demo` need less
 time."""
+LATE = 0.2
+"""Time [s] after a touch in which its last frame arrives. Assumed: several frames of any skin."""
+ON_TAXELS = 0.2
+"""Least fraction of a touch on taxels from which it must be felt. Assumed."""
 TARGETS, PACE = 8, 0.4
 """Number of random targets far outside the limits, and time [s] for each target. Assumed: an arm at full
 speed reaches a limit within this time."""
@@ -67,6 +77,18 @@ class Axes:
 
 
 @dataclass(frozen=True, slots=True)
+class TouchTrial:
+    """One touch of a person, while the reflex of the touched part runs."""
+
+    kind: str
+    place: str
+    patch: str
+    asked_n: float
+    felt_n: float
+    """Largest force [N] that was felt on the patch."""
+
+
+@dataclass(frozen=True, slots=True)
 class Proof:
     """Results of all tests. A description has passed the tests if `faults` is empty."""
 
@@ -80,6 +102,8 @@ class Proof:
     skin: Literal["described", "assumed", "none", "unanswered"] = "described"
     """What the touches were tested on: "assumed" if any of it is, "none" for a robot without skin,
     "unanswered" if the reflexes cover none of its skin."""
+    touches: tuple[TouchTrial, ...] = ()
+    """Results of the touches of people that were asked for."""
     without_skin: tuple[str, ...] = ()
     """Parts without skin, on which no touch was tried."""
 
@@ -92,13 +116,14 @@ def prove(
     robot: Robot,
     *,
     stimulus: Stimulus | None = None,
+    touches: Sequence[PlannedTouch] = (),
     progress: Callable[[str], None] = lambda what: None,
 ) -> Proof:
     """Runs all tests of a robot in simulation.
 
-    `stimulus` is the poke with which the reflexes are tested, by default `Stimulus()`. The function
-    `progress` is called with the name of each step. Raises DescriptionError for a robot that can't be
-    simulated.
+    `stimulus` is the poke with which the reflexes are tested, by default `Stimulus()`. People also do
+    `touches`. The function `progress` is called with the name of each step. Raises DescriptionError for a
+    robot that can't be simulated.
     """
     faults: list[str] = []
     arms = [f"{side}_arm" for side in SIDES]
@@ -144,6 +169,11 @@ def prove(
             progress(f"reflex, {trial.side} {trial.site.replace('_', ' ')}")
     except TciError as error:  # a point without skin, or without room for the finger
         faults.append(f"poke {len(trials) + 1} failed: {error}")
+    touched: list[TouchTrial] = []
+    if touches:
+        progress("touches")
+        touched, found_faults = touch_trials(robot, touches)
+        faults += found_faults
     return Proof(
         robot.name,
         tuple(axes),
@@ -151,8 +181,44 @@ def prove(
         tuple(patches),
         tuple(faults),
         _skin(robot, answered=any(one.responded for one in trials) or any(one.answered for one in patches)),
+        tuple(touched),
         without_skin(robot),
     )
+
+
+def touch_trials(robot: Robot, planned: Sequence[PlannedTouch]) -> tuple[list[TouchTrial], list[str]]:
+    """Has people touch a robot whose reflex answers, and says what was felt and what was wrong: limits that a
+    command broke, a stop, a touch without room for the hand, a touch of taxels that was not felt."""
+    world = World(robot, people=people_needed(planned))
+    zero = world.touch_as_planned(planned)
+    arms = all(robot.part(robot.patch(one.patch).part).kind == "arm" for one in planned)
+    reflex: Capability[Any] = WithdrawalReflex() if arms else BodyWithdrawal(stance="supported")
+    driver, felt = SimulatedDriver(robot, world=world), [0.0] * len(planned)
+    sent, positions = [], []
+
+    def see(tick: Tick) -> None:
+        sent.append(tick.sent)
+        positions.append(tick.reading.joints.position)
+        for number, one in enumerate(planned):
+            if one.onset <= tick.now - zero <= one.end + LATE:
+                own = (contact.force for contact in tick.perception.contacts if contact.patch == one.patch)
+                felt[number] = max(felt[number], sum(own))
+
+    run(driver, reflex, duration=zero + max(one.end for one in planned) + LATE - world.time, observe=see)
+    faults = command_violations(robot, sent, positions, driver.period)
+    faults += dict.fromkeys(f"STOP: {safe.reason}" for safe in sent if safe.state is GateState.STOP)
+    hands = [hand for person in world.people for hand in person.hands]
+    faults += [f"a hand did not touch: {reason}" for hand in hands for _, reason in hand.missed]
+    laid = LaidTouches(GenericBody(robot), planned)
+    for number, one in enumerate(planned):
+        on_taxels = not robot.patch(one.patch).through_joints and laid.share(number) >= ON_TAXELS
+        if on_taxels and not felt[number]:
+            faults.append(f"{one.kind.name} {one.touch.place} was not felt on {one.patch}")
+    trials = [
+        TouchTrial(one.kind.name, one.touch.place, one.patch, one.peak, round(force, 3))
+        for one, force in zip(planned, felt, strict=True)
+    ]
+    return trials, faults
 
 
 def _skin(robot: Robot, *, answered: bool) -> Literal["described", "assumed", "none", "unanswered"]:

@@ -24,6 +24,7 @@ LIVE = [
     "exports/test_facts.py",
     "recording/test_recorder.py",
     "runtime",
+    "sources",
     "test_examples.py",
     "lab/commissioning",
     "lab/experiments/test_remote_trial.py",

@@ -35,8 +35,8 @@ LAYERS = (
 )
 """Folders and files of the core in layers, from the bottom to the top. Files of one layer may import each
 other."""
-PLUGS = ("shared", "wires", "datasets", "learn")
-"""What plugs into the core: each may import the core, and a wire also `shared`."""
+PLUGS = ("shared", "wires", "sources", "datasets", "learn")
+"""What plugs into the core: each may import the core, and a wire or a source also `shared`."""
 TOP = "lab", "cli"
 """May import everything below; `lab` must not import `cli`."""
 RANK = {name: rank for rank, layer in enumerate(LAYERS) for name in layer.split()}
@@ -106,14 +106,17 @@ def test_the_public_names_come_from_the_core() -> None:
 
 @pytest.mark.parametrize("name", [name for name in MODULES if name.split(".")[1] in PLUGS])
 def test_plugs_import_the_core_and_what_they_share(name: str) -> None:
-    shared = {"shared"} if name.startswith("tci.wires.") else set()
+    shared = {"shared"} if name.startswith(("tci.wires.", "tci.sources.")) else set()
     assert folders(name) <= RANK.keys() | shared
 
 
-@pytest.mark.parametrize("name", [name for name in MODULES if name.startswith("tci.wires.")])
-def test_wires_do_not_import_each_other(name: str) -> None:
-    wires = {other.split(".")[2] for other in imported(MODULES[name]) if other.startswith("tci.wires.")}
-    assert wires <= {name.split(".")[2]}
+@pytest.mark.parametrize(
+    "name", [name for name in MODULES if name.startswith(("tci.wires.", "tci.sources."))]
+)
+def test_wires_and_sources_do_not_import_each_other(name: str) -> None:
+    group = ".".join(name.split(".")[:2]) + "."
+    others = {other.split(".")[2] for other in imported(MODULES[name]) if other.startswith(group)}
+    assert others <= {name.split(".")[2]}
 
 
 @pytest.mark.parametrize("name", [name for name in MODULES if name.startswith("tci.lab.")])

@@ -70,13 +70,16 @@ def _examine(
     from rich.progress import BarColumn, Progress, TextColumn
 
     from tci.drivers.combined_server import JOIN
-    from tci.drivers.registry import connect, load_driver
+    from tci.drivers.registry import connect, load_driver, source_names
     from tci.lab.commissioning.doctor import judge
     from tci.lab.commissioning.streams import observe
 
-    name, _, address = via.split(JOIN)[0].partition(":")
+    name, found = "", tuple[Finding, ...]()
     try:
-        found = load_driver(name).probe(robot, address)
+        for part in via.split(JOIN):
+            name, _, address = part.partition(":")
+            if name not in source_names():
+                found += load_driver(name).probe(robot, address)
         if any(finding.level is Level.FAULT for finding in found):
             return found, ()
         driver = connect(robot, via, arm=False)

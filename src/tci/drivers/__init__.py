@@ -20,9 +20,14 @@ if TYPE_CHECKING:
     from tci.drivers.registry import driver_names as driver_names
     from tci.drivers.registry import open_server as open_server
     from tci.drivers.registry import server_names as server_names
+    from tci.drivers.registry import source_names as source_names
     from tci.drivers.replay import ReplayDriver as ReplayDriver
     from tci.drivers.server import Server as Server
     from tci.drivers.simulated import SimulatedDriver as SimulatedDriver
+    from tci.drivers.source import FingerAngles as FingerAngles
+    from tci.drivers.source import Sample as Sample
+    from tci.drivers.source import Source as Source
+    from tci.drivers.sourced import SourcedDriver as SourcedDriver
     from tci.drivers.wrapper import DriverWrapper as DriverWrapper
 else:
     __all__, __getattr__, __dir__ = lazy_names(__name__)

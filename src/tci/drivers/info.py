@@ -48,6 +48,9 @@ class DriverInfo:
     """Reasons why the driver can't move some servos, by servo index. A servo that the driver can move has no
     entry."""
 
+    sources: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    """Addresses of the sources beside the robot's own driver, by the patch that they feel."""
+
     @property
     def streams(self) -> bool:
         """True if the mode of a part may change while it moves, see `Gate.streams`."""

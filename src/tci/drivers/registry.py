@@ -1,4 +1,5 @@
-"""Drivers and servers by name, found through the entry-point groups `tci.drivers` and `tci.servers`."""
+"""Drivers, servers and sources by name, found through the entry-point groups `tci.drivers`, `tci.servers` and
+`tci.sources`."""
 
 from __future__ import annotations
 
@@ -11,6 +12,8 @@ from tci.drivers.combined import CombinedDriver
 from tci.drivers.combined_server import JOIN, CombinedServer
 from tci.drivers.driver import Driver
 from tci.drivers.server import Server
+from tci.drivers.source import Source
+from tci.drivers.sourced import Address, SourcedDriver
 from tci.errors import DriverError, TciError, UnknownNameError
 from tci.robot.description import Robot
 from tci.robot.like import RobotLike, as_robot
@@ -21,6 +24,7 @@ if TYPE_CHECKING:
 
 DRIVERS = "tci.drivers"
 SERVERS = "tci.servers"
+SOURCES = "tci.sources"
 
 
 def driver_names() -> tuple[str, ...]:
@@ -32,6 +36,17 @@ def driver_names() -> tuple[str, ...]:
 def server_names() -> tuple[str, ...]:
     """Returns the names of the installed servers, without addresses. `open_server` takes these names."""
     return tuple(sorted({point.name for point in entry_points(group=SERVERS)}))
+
+
+def source_names() -> tuple[str, ...]:
+    """Names of the installed sources of touch, which may stand after a driver: `sim + NAME:ADDRESS`."""
+    return tuple(sorted({point.name for point in entry_points(group=SOURCES)}))
+
+
+def load_source(name: str) -> type[Source]:
+    """The class of the source `name`. Raises the errors of `load_driver`."""
+    source: type[Source] = _load(SOURCES, "source", name)
+    return source
 
 
 def load_driver(name: str) -> type[Driver]:
@@ -60,7 +75,8 @@ def connect(robot: RobotLike, via: str = "sim", *, arm: bool | None = None, **op
     """Opens a driver of `robot`, which may also be the name or path of a robot description.
 
     - `via` is "sim", or "NAME:ADDRESS" for drivers that need an address. With "DRIVER + DRIVER" the first
-      driver reads and moves the joints, and the others read the skin.
+      driver reads and moves the joints, and the others read the skin. With "DRIVER + SOURCE" the driver does
+      all that it does alone, and the source gives the patches that it feels.
     - `arm`: a driver sends commands only if it is armed. By default, a driver of a simulation or a recording
       is armed, and a driver of a real robot is not armed.
     - `options` are passed to the first driver.
@@ -77,6 +93,20 @@ def connect(robot: RobotLike, via: str = "sim", *, arm: bool | None = None, **op
     first, *others = via.split(JOIN)
     if arm is not None:
         options["arm"] = arm
+    sources = [one for one in others if one.partition(":")[0] in source_names()]
+    others = [one for one in others if one not in sources]
+    if sources:
+        made = [(via, (own := Address.of(via)).make(load_source(own.name))) for via in sources]
+        if "paced" in inspect.signature(load_driver(first.partition(":")[0])).parameters:
+            options.setdefault("paced", True)  # a real sensor does not wait for a simulation
+        joined = JOIN.join((first, *others))
+        arm = options.pop("arm", None)
+        inner = connect(robot, joined, arm=arm, **options)
+        try:
+            return SourcedDriver(inner, made)
+        except BaseException:
+            inner.close()
+            raise
     if not others:
         return _open(robot, first, **options)
     opened: list[Driver] = []
@@ -94,7 +124,10 @@ def connect(robot: RobotLike, via: str = "sim", *, arm: bool | None = None, **op
 def _open_half(robot: Robot, via: str, *, without: str, **options: Any) -> Driver:
     """Opens a driver for only the joints (`without` is "skin") or only the skin (`without` is "joints")."""
     if without not in inspect.signature(load_driver(via.partition(":")[0])).parameters:
-        raise DriverError(f"{via} can't leave out its {without}; valid in a combined driver: naoqi, yarp")
+        beside = f"; beside any driver: {', '.join(source_names())}" if without == "joints" else ""
+        raise DriverError(
+            f"{via} can't leave out its {without}; valid in a combined driver: naoqi, yarp{beside}"
+        )
     return _open(robot, via, **{without: False}, **options)
 
 

@@ -74,7 +74,8 @@ def run(
     report, name = report or LoopReport(), type(unwrapped(capability)).__name__
     account = Account(driver, tuple(f"{name}: {words}" for words in lacks(capability, driver.robot)))
     memory, begun = capability.init(body), False
-    watchdogs: tuple[Watchdog, ...] = usual_watchdogs(driver)
+    needed = {patch.name for need in capability.needs for patch in need.skin_of(driver.robot)}
+    watchdogs: tuple[Watchdog, ...] = usual_watchdogs(driver, needed)
     if guard is not None:
         watchdogs = (lambda moment: guard(), *watchdogs)
     control = Control(

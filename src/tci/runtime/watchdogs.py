@@ -5,10 +5,11 @@ module also configures Python's garbage collector.
 from __future__ import annotations
 
 import gc
+import logging
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from types import FrameType
 
@@ -40,6 +41,7 @@ than one count of an encoder, by which a joint at rest may still settle while al
 MOST_FORCE = 150.0
 """Largest force [N] of a touch that is estimated from joint torques, above which the robot holds. Assumed:
 people push an arm with less force. A larger estimate means that the torques do not fit the description."""
+_log = logging.getLogger("tci")
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 TURN = 0.0001
 """Time [s] after which Python switches between busy threads. Assumed: far shorter than a control period.
@@ -67,14 +69,18 @@ def attentive() -> Iterator[None]:
         sys.setswitchinterval(before)
 
 
-def usual_watchdogs(driver: Driver) -> tuple[Watchdog, ...]:
+def usual_watchdogs(driver: Driver, needed: Collection[str] | None = None) -> tuple[Watchdog, ...]:
     """The watchdogs of a robot that touches move: missed periods, skin or torques that have gone silent, and
-    joint torques that no touch explains."""
+    joint torques that no touch explains. `needed` names the patches that what runs needs; None is all."""
     robot, info = driver.robot, driver.info
-    skin = SkinWatchdog(robot, stale_after=driver.gate.stale_after, keep_alive=info.keep_alive)
+    skin = SkinWatchdog(
+        robot, stale_after=driver.gate.stale_after, keep_alive=info.keep_alive, without=info.sources
+    )
+    sources = SourceWatchdog(robot, info.sources, needed)
     return (
         missed_periods,
         lambda moment: skin.fault(moment.reading, moment.now),
+        lambda moment: sources.fault(moment.reading),
         lambda moment: implausible_force(moment.perception.contacts) if moment.perception else None,
     )
 
@@ -92,13 +98,22 @@ class SkinWatchdog:
     Without skin frames, the robot does not measure touches.
     """
 
-    def __init__(self, robot: Robot, *, stale_after: float, keep_alive: float | None = None) -> None:
-        """Prepares the watchdog. `stale_after` [s] is the age above which joint data counts as too old. If a
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        stale_after: float,
+        keep_alive: float | None = None,
+        without: Collection[str] = (),
+    ) -> None:
+        """Prepares the watchdog. `stale_after` [s] is the age above which joint data counts as too old. The
+        patches in `without` may be silent (`SourceWatchdog` looks at them). If a
         patch sends frames only when values change (send-on-delta), `keep_alive` [s] is required: the longest
         time between two frames of a patch.
         """
         least = max(stale_after, LEAST_SILENCE, PERIODS * (keep_alive or 0.0))
         self._longest = {patch.name: max(PERIODS / patch.rate, least) for patch in robot.patches}
+        self._longest |= dict.fromkeys(without, np.inf)
         self._last_frames: dict[str, tuple[int, float]] = {}
         self._soonest, self._quiet = np.inf, ""
         self._torques = TorqueWatchdog(robot, stale_after=stale_after)
@@ -125,6 +140,63 @@ class SkinWatchdog:
             return self._torques.fault(reading.joints, now)
         silent = (now - self._last_frames[self._quiet][1]) * 1e3
         return Reason(Code.SKIN_SILENT, f"the skin of {self._quiet} has sent nothing for {silent:.0f} ms")
+
+
+class SourceWatchdog:
+    """Detects patches whose source is silent: all values of their frame are NaN. One that nobody needs is
+    blind: it is told once, feels nothing until it comes back, and the rest goes on."""
+
+    def __init__(
+        self, robot: Robot, sources: Mapping[str, str], needed: Collection[str] | None = None
+    ) -> None:
+        """`sources` are addresses by patch; `needed` names the patches that hold the robot, None is all."""
+        self._parts = {patch.name: patch.part for patch in robot.patches if patch.name in sources}
+        self._sources, self._needed = sources, sources.keys() if needed is None else needed
+        self._known: dict[str, int] = {}
+        self.blind: set[str] = set()
+        """Patches that feel nothing now."""
+
+    def fault(self, reading: Reading) -> Reason | None:
+        """Returns a reason to hold the robot while a patch that is needed is blind. Logs each patch that
+        becomes blind, or feels again."""
+        fresh = [
+            frame
+            for frame in reading.skin
+            if frame.patch in self._parts and self._known.get(frame.patch) != frame.sequence
+        ]
+        if fresh:
+            before = set(self.blind)
+            for frame in fresh:
+                self._known[frame.patch] = frame.sequence
+                dead = frame.values.dtype.kind == "f" and bool(np.isnan(frame.values).all())
+                (self.blind.add if dead else self.blind.discard)(frame.patch)
+            self._tell(before)
+        if not self.blind:
+            return None
+        missing = sorted(self.blind.intersection(self._needed))
+        if not missing:
+            return None
+        return Reason(Code.SKIN_SILENT, f"{_from(self._sources, missing)} sends nothing")
+
+    def _tell(self, before: set[str]) -> None:
+        if gone := self.blind - before:
+            for source in dict.fromkeys(self._sources[patch] for patch in sorted(gone)):
+                own = sorted(patch for patch in gone if self._sources[patch] == source)
+                if any(self._sources[patch] == source for patch in before):
+                    continue  # its pads fall silent one after the other: told once
+                parts = ", ".join(dict.fromkeys(self._parts[patch] for patch in own))
+                _log.warning(
+                    "%s sends nothing: it feels nothing until it comes back, and a push on %s is noticed by "
+                    "joints only, as on a part without skin", _from(self._sources, own), parts,
+                )  # fmt: skip
+        for source in dict.fromkeys(self._sources[patch] for patch in sorted(before - self.blind)):
+            if not any(self._sources[patch] == source for patch in self.blind):
+                _log.warning("%s feels again", source)
+
+
+def _from(sources: Mapping[str, str], patches: list[str]) -> str:
+    more = f" and {len(patches) - 1} more" if len(patches) > 1 else ""
+    return f"{patches[0]}{more} of {sources[patches[0]]}"
 
 
 class TorqueWatchdog:

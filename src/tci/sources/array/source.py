@@ -1,0 +1,124 @@
+"""`array:WHERE`: numbers as text lines from UDP, TCP or a serial port, or from the program itself.
+
+| WHERE | what it does |
+|---|---|
+| `udp://0.0.0.0:9000` | listens; each datagram is one or more lines |
+| `tcp://HOST:PORT` | connects and reads lines |
+| `serial:///dev/ttyACM0` | reads lines; option `baud`, by default 115200 |
+| `feed` | takes what the program gives to `driver.feed(patch, values)` |
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import re
+import socket
+from collections.abc import Iterable
+
+from numpy.typing import ArrayLike
+
+from tci.drivers.source import FingerAngles, Sample, Source, no_values
+from tci.errors import CommandError, DriverError, FrameError
+from tci.sources.array.lines import LineBuffer, sample_of
+from tci.sources.array.serial_port import open_serial, read_serial
+
+WAIT = 0.2
+"""Longest time [s] of one `read`."""
+PLACE = re.compile(r"(udp|tcp)://(\[[0-9a-fA-F:]+\]|[^:/\[\]]*):(\d{1,5})")
+PORTS = 65536
+VALID = "udp://0.0.0.0:9000, tcp://HOST:PORT, serial:///dev/ttyACM0, feed"
+
+
+class ArraySource(Source):
+    """Pads have the names of the robot's patches. With `patch=NAME` in the address, lines need no name."""
+
+    def __init__(self, address: str = "", *, baud: str = "115200", missing: str = "-1") -> None:
+        """
+        Args:
+            address: See the module.
+            baud: Speed of a serial port [1/s].
+            missing: The number that means no value, beside NaN.
+
+        Raises DriverError for an address or option that can't be meant.
+        """
+        super().__init__(address)
+        try:
+            self._baud, self._missing = int(baud), float(missing)
+        except ValueError as error:
+            raise DriverError(f"array:{address}: {error}; valid: a number") from None
+        self._place = PLACE.fullmatch(address)
+        self._device = address.removeprefix("serial://") if address.startswith("serial://") else ""
+        port = int(self._place[3]) if self._place else 0
+        if not (self._place or self._device or address == "feed") or port >= PORTS:
+            raise DriverError(f"array:{address}; valid: {VALID}")
+        self._socket: socket.socket | None = None
+        self._serial: int | None = None
+        self._lines = LineBuffer()
+        self._fed: queue.SimpleQueue[Sample] = queue.SimpleQueue()
+
+    def open(self) -> None:
+        self._lines = LineBuffer()
+        if self._device:
+            self._serial = open_serial(self._device, self._baud)
+        elif self._place:
+            kind, host, port = self._place[1], self._place[2].strip("[]"), int(self._place[3])
+            if kind == "tcp":
+                self._socket = socket.create_connection((host, port), timeout=2.0)
+            else:
+                family = socket.AF_INET6 if ":" in host else socket.AF_INET
+                self._socket = socket.socket(family, socket.SOCK_DGRAM)
+                self._socket.bind((host, port))
+            self._socket.settimeout(WAIT)
+
+    def read(self) -> Iterable[Sample | FingerAngles]:
+        if self.address == "feed":
+            return self._next_fed()
+        lines = self._lines.add(self._receive())
+        found = []
+        fault: FrameError | None = None
+        for line in lines:
+            try:
+                if (sample := sample_of(line, self._default(), self._missing)) is not None:
+                    found.append(sample)
+            except FrameError as error:
+                fault = error
+        if fault is not None and not found:
+            raise fault
+        return found
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+        if self._serial is not None:
+            os.close(self._serial)
+            self._serial = None
+
+    def feed(self, pad: str, values: ArrayLike) -> None:
+        if self.address != "feed":
+            raise CommandError(f"array:{self.address} reads a device; valid for feed: array:feed")
+        self._fed.put(Sample(pad, no_values(values, self._missing)))
+
+    def _default(self) -> str:
+        return next(iter(self.wants)) if len(self.wants) == 1 else ""
+
+    def _next_fed(self) -> list[Sample]:
+        try:
+            return [self._fed.get(timeout=WAIT)]
+        except queue.Empty:
+            return []
+
+    def _receive(self) -> bytes:
+        if self._serial is not None:
+            return read_serial(self._serial, WAIT)
+        assert self._socket is not None and self._place is not None
+        try:
+            data = self._socket.recv(65536)
+        except TimeoutError:
+            return b""
+        if self._place[1] == "udp":
+            return data if data.endswith(b"\n") else data + b"\n"
+        if not data:
+            raise ConnectionResetError(f"{self.address} closed the connection")
+        return data

@@ -1,0 +1,146 @@
+"""An Inspire hand beside a robot: its values against another author's client, and the places of its pads."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+import tci
+from helpers.peers import peer_python
+from helpers.touch_devices import INSPIRE, InspireHand
+from tci.capabilities import Capability, Need
+from tci.errors import DriverError
+from tci.messages import Order, Perception
+from tci.reasons import Code
+
+pytestmark = [pytest.mark.timeout(120), pytest.mark.xdist_group("sources")]
+PEER = """
+import json, sys
+from inspire_rh56dftp import InspireHand
+from inspire_rh56dftp.registers import TACTILE_READ_BATCHES, TACTILE_REGIONS
+hand = InspireHand(ip="127.0.0.1", port=int(sys.argv[1]))
+singly = {name: hand.read_holding(address, count) for name, address, count, _ in TACTILE_REGIONS}
+batched = {}
+for address, parts in TACTILE_READ_BATCHES:
+    values = hand.read_holding(address, sum(count for _, count in parts))
+    for name, count in parts:
+        batched[name], values = values[:count], values[count:]
+print(json.dumps([singly, batched]))
+hand.close()
+"""
+
+
+@pytest.fixture
+def hand() -> Iterator[InspireHand]:
+    made = InspireHand()
+    made.plug()
+    time.sleep(0.1)
+    yield made
+    made.unplug()
+
+
+def test_another_authors_client_reads_the_same_flat_values(hand: InspireHand) -> None:
+    hand.number()
+    command = [peer_python("inspire"), "-c", PEER, str(hand.port)]
+    singly, batched = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    names = {"pinky": "little", "nail": "top"}
+    theirs = {"_".join(names.get(word, word) for word in name.split("_")): v for name, v in singly.items()}
+    assert singly == batched
+    with tci.connect("g1-inspire", f"sim + {hand.via},side=left") as driver:
+        time.sleep(0.3)
+        ours = {frame.patch: frame.values.tolist() for frame in driver.read().skin}
+    assert {pad: ours[f"left_{pad}"] for pad in INSPIRE} == theirs
+    assert sum(map(len, theirs.values())) == 1062
+
+
+def pressed(driver: tci.Driver, patch: str) -> np.ndarray:
+    """Where a new perceiver sees the only contact of a patch: in the link's frame, then in the torso's."""
+    perceiver, end = tci.Perceiver(tci.GenericBody(driver.robot)), time.monotonic() + 5.0
+    while time.monotonic() < end:
+        now = driver.clock.now()
+        found = [one for one in perceiver.step(driver.read(), now).contacts if one.patch == patch]
+        if found:
+            return np.array([found[0].p_L, found[0].p_T])
+        driver.clock.sleep_until(now + 0.02)
+    raise AssertionError(f"no contact on {patch}")
+
+
+def test_pressed_corners_show_where_the_manual_puts_them(hand: InspireHand) -> None:
+    """Fingers: value 2 is row 1, column 2. Palm: value 1 is row 8, column 1, and value 9 row 8, column 2.
+    Row 1 at the far end is assumed, since no maker says it."""
+    pitch = {"palm": (30.4e-3 / 8, 50.2e-3 / 14), "index_top": (15.4e-3 / 12, 11.0e-3 / 8)}
+    corners = {  # row and column of a value, all from 0
+        "palm": {0: (7, 0), 7: (0, 0), 104: (7, 13), 111: (0, 13), 8: (7, 1)},
+        "index_top": {0: (0, 0), 7: (0, 7), 88: (11, 0), 95: (11, 7), 8: (1, 0)},
+    }
+    seen: dict[str, dict[tuple[int, int], np.ndarray]] = {pad: {} for pad in corners}
+    with tci.connect("g1-inspire", f"sim + {hand.via},side=right") as driver:
+        for pad, places in corners.items():
+            for value, place in places.items():
+                hand.values[pad][value] = 2000
+                seen[pad][place] = pressed(driver, f"right_{pad}")
+                hand.values[pad][value] = 0
+                time.sleep(0.1)
+    for pad, points in seen.items():
+        rows, columns = pitch[pad]
+        for (r, c), (here, _) in points.items():
+            for (s, d), (there, _) in points.items():
+                apart = np.hypot((r - s) * rows, (c - d) * columns)
+                assert np.linalg.norm(here - there) == pytest.approx(apart, abs=1e-3)
+    finger, palm = seen["index_top"], seen["palm"]
+    assert np.linalg.norm(finger[0, 0][1] - palm[7, 0][1]) > np.linalg.norm(finger[11, 0][1] - palm[7, 0][1])
+    assert np.linalg.norm(palm[0, 0][1] - finger[0, 0][1]) < np.linalg.norm(palm[7, 0][1] - finger[0, 0][1])
+
+
+class Idle(Capability[None]):
+    """Needs nothing."""
+
+    def init(self, body: tci.GenericBody) -> None:
+        return None
+
+    def step(
+        self, memory: None, perception: Perception, body: tci.GenericBody
+    ) -> tuple[tuple[Order, ...], None]:
+        return (), None
+
+
+class Feels(Idle):
+    """Needs the skin of the left fingers."""
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        return (Need("skin on the left fingers", ("left_fingers",)),)
+
+
+def test_a_silent_hand_holds_only_who_needs_it(hand: InspireHand, caplog: pytest.LogCaptureFixture) -> None:
+    hand.values["palm"] = [2000] * 112
+    with tci.connect("g1-inspire", f"sim + {hand.via},side=left", arm=True) as driver:
+        pressed(driver, "left_palm")
+        hand.unplug()
+        felt: list[int] = []
+        result = tci.run(
+            driver, Idle(), duration=1.2, observe=lambda tick: felt.append(len(tick.perception.contacts))
+        )
+        assert not result.holds
+        assert felt[0]
+        assert not felt[-1], "a pad that is gone still feels"
+        told = [record.message for record in caplog.records if "sends nothing" in record.message]
+        assert len(told) == 1
+        assert "left_fingers is noticed by joints only, as on a part without skin" in told[0]
+        held = tci.run(driver, Feels(), duration=0.1).holds
+        assert [notice.code for notice in held] == [Code.SKIN_SILENT]
+        hand.plug()
+        time.sleep(1.2)
+        assert not tci.run(driver, Feels(), duration=0.3).reason
+
+
+def test_which_hand_must_be_said_and_a_robot_without_pads_is_refused(hand: InspireHand) -> None:
+    with pytest.raises(DriverError, match="side=left"):
+        tci.connect("g1-inspire", f"sim + {hand.via}")
+    with pytest.raises(DriverError, match=r"g1 has no patch.*g1-inspire"):
+        tci.connect("g1", f"sim + {hand.via}")

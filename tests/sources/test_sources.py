@@ -1,0 +1,151 @@
+"""Contract that every source must fulfil. A new source adds a stand-in of its device, made from what the
+maker publishes, to `DEVICES`."""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from helpers.touch_devices import INSPIRE, InspireHand, TcpLines, TouchDevice, UdpLines
+from tci.drivers.diagnosis import Level
+from tci.drivers.registry import load_source
+from tci.drivers.source_reader import SourceReader
+from tci.drivers.sourced import Address
+from tci.errors import DriverError
+
+pytestmark = [pytest.mark.timeout(60), pytest.mark.xdist_group("sources")]
+DEVICES: list[type[TouchDevice]] = [InspireHand, TcpLines, UdpLines]
+
+
+def reader_of(device: TouchDevice) -> SourceReader:
+    via = Address.of(device.via)
+    return SourceReader(device.via, via.make(load_source(via.name)), device.pads)
+
+
+def wait_for(what: Callable[[], bool], seconds: float = 10.0) -> None:
+    end = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < end, "it never came"
+        time.sleep(0.005)
+
+
+def equal(reader: SourceReader, device: TouchDevice) -> bool:
+    return all(
+        reader.pads[pad].values is not None and np.array_equal(reader.pads[pad].values, values)
+        for pad, values in device.values.items()
+    )
+
+
+def silent(reader: SourceReader) -> list[str]:
+    return [pad for pad in reader.pads if reader.silence(pad, time.monotonic()) is not None]
+
+
+@pytest.fixture(params=DEVICES, ids=lambda one: one.__name__)
+def device(request: pytest.FixtureRequest) -> Iterator[TouchDevice]:
+    made: TouchDevice = request.param()
+    made.plug()
+    yield made
+    made.unplug()
+
+
+@pytest.fixture
+def reader(device: TouchDevice) -> Iterator[SourceReader]:
+    time.sleep(0.1)  # the device opens its door
+    found = reader_of(device)
+    yield found
+    found.close()
+
+
+def test_frames_are_complete_fresh_and_numbered_and_loss_lateness_and_rubbish_pass(
+    device: TouchDevice, reader: SourceReader
+) -> None:
+    device.number()
+    wait_for(lambda: equal(reader, device))
+    before = {pad: state.sequence for pad, state in reader.pads.items()}
+    time.sleep(0.4)
+    now = time.monotonic()
+    for pad, state in reader.pads.items():
+        assert state.sequence > before[pad] + 3, "no frames"
+        assert 0.0 <= now - state.stamp < 0.3
+        assert state.rate > 10.0
+    assert not silent(reader)
+    told = [one for one in reader.diagnose() if one.level is not Level.OK]
+    assert not [one for one in told if one.level is not Level.NOTE]
+
+    wrong: list[str] = []  # what one pad gets must never be another pad's: values tell whose they are
+    for fault in ("late", "lost", "short"):
+        if fault == "late":
+            device.delay = 0.6
+        elif fault == "lost":
+            device.lose = 3
+        else:
+            device.short = True
+        end = time.monotonic() + 0.7
+        while time.monotonic() < end:
+            for pad, state in reader.pads.items():
+                if not np.array_equal(state.values, device.values[pad]):
+                    wrong.append(f"{fault}: {pad}")
+            time.sleep(0.01)
+        device.short = False
+        wait_for(lambda: not silent(reader))
+    assert not wrong
+    assert any(one.level is Level.WARNING for one in reader.diagnose()), "the wrong length was not told"
+
+
+def test_stuck_and_unplugged_are_told_and_the_device_comes_back(
+    device: TouchDevice, reader: SourceReader
+) -> None:
+    wait_for(lambda: all(state.sequence > 5 for state in reader.pads.values()))
+    assert any("no value of" in one.what for one in reader.diagnose()), "stuck values are no sign of life"
+    device.unplug()
+    wait_for(lambda: len(silent(reader)) == len(reader.pads))
+    device.number()
+    device.plug()
+    wait_for(lambda: equal(reader, device) and not silent(reader))
+    assert not any("no value of" in one.what for one in reader.diagnose())
+    assert not any(one.level is Level.FAULT for one in reader.diagnose())
+
+
+def test_a_second_client_gets_all_or_is_told_and_nothing_but_reads_is_sent(
+    device: TouchDevice, reader: SourceReader
+) -> None:
+    device.number()
+    wait_for(lambda: equal(reader, device))
+    second = reader_of(device) if not isinstance(device, UdpLines) else None  # its port is taken
+    if second is None:
+        with pytest.raises(DriverError, match=device.via):
+            reader_of(device)
+    else:
+        wait_for(lambda: equal(second, device) or bool(second.trouble))
+        if device.alone:
+            reader.close()
+            wait_for(lambda: equal(second, device))
+        second.close()
+    for request in device.received:  # only `InspireHand` must be asked
+        assert isinstance(device, InspireHand)
+        assert len(request) == 12
+        _, _, _, _, function, address, count = struct.unpack(">HHHBBHH", request)
+        assert function == 3
+        assert (address, count) in {*INSPIRE.values(), (1546, 6)}
+
+
+def test_who_is_not_there_is_named() -> None:
+    for via in ("inspire:127.0.0.1:9", "array:tcp://127.0.0.1:9", "array:serial:///dev/nothing"):
+        address = Address.of(via)
+        with pytest.raises(DriverError, match=f"^{via}"):
+            SourceReader(via, address.make(load_source(address.name)), {"palm": 5})
+
+
+def test_sources_load_no_simulation() -> None:
+    names = "tci.sources.array.source, tci.sources.inspire.source, tci.drivers.source"
+    code = f"import {names}, sys\nprint(*sys.modules)"
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert not {"mujoco", "numba", "scipy", "pydantic"} & {*found}

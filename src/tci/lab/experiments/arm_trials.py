@@ -21,9 +21,10 @@ from tci.simulation.world import World
 
 FORCES = (0.5, 10.0)
 """Range of the force [N] with which the simulated finger would press an arm that does not move."""
-DURATION = 0.6
-"""Length [s] of a trial. Assumed: two thirds of the withdrawal are finished after this time, so the direction
-of the motion is clear."""
+LEFT = 1.0
+"""Time [s] after the first contact within which the skin must have left the finger."""
+DURATION = 1.2
+"""Length [s] of a trial: `LEFT`, after the finger's way to the skin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +38,14 @@ class ArmTrial:
     answered: bool
     """True if the reflex commanded this arm and no other part, and the arm's skin moved away from the finger
     by at least 1 mm (`AWAY`)."""
+    left: bool
+    """True if the reflex answered, and the skin left the finger within `LEFT` of the first contact."""
     towards: bool
     """True if, at any time after the first command, the skin had moved at least 1 mm (`AWAY`) towards the
     finger since this command."""
     reason: str
-    """Reason why the arm did not move. The text is empty if the reflex gave no reason."""
+    """What the reflex said at the end: why the arm did not move, or that the touch has not ended. Empty if it
+    said nothing."""
 
 
 def arm_trials_of(robot: Robot, reflex: WithdrawalReflex, *, count: int, seed: int = 0) -> Iterator[ArmTrial]:
@@ -69,11 +73,19 @@ def arm_trials_of(robot: Robot, reflex: WithdrawalReflex, *, count: int, seed: i
             continue
         moved = _moved(trace)
         right = {part for _, part in trace.commanded} == {patch.part}
+        answered = bool(right and moved[-1] >= AWAY)
         yield ArmTrial(
-            patch.name, taxel, force, bool(right and moved[-1] >= AWAY), bool(moved.min() <= -AWAY),
-            "; ".join(trace.notes),
+            patch.name, taxel, force, answered, answered and _lasted(trace) <= LEFT,
+            bool(moved.min() <= -AWAY), "; ".join(trace.notes),
         )  # fmt: skip
         done += 1
+
+
+def _lasted(trace: Trace) -> float:
+    """Time [s] from the first contact to the last one; infinite if it lasts."""
+    if trace.contact_lost is None or trace.first_contact is None:
+        return np.inf
+    return trace.contact_lost - trace.first_contact
 
 
 def _moved(trace: Trace) -> np.ndarray:

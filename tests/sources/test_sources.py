@@ -3,6 +3,9 @@ maker publishes, to `DEVICES`."""
 
 from __future__ import annotations
 
+import json
+import os
+import pty
 import struct
 import subprocess
 import sys
@@ -11,8 +14,10 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from helpers.touch_devices import INSPIRE, InspireHand, TcpLines, TouchDevice, UdpLines
+from tci.cli.main import app
 from tci.drivers.diagnosis import Level
 from tci.drivers.registry import load_source
 from tci.drivers.source_reader import SourceReader
@@ -133,6 +138,36 @@ def test_a_second_client_gets_all_or_is_told_and_nothing_but_reads_is_sent(
         _, _, _, _, function, address, count = struct.unpack(">HHHBBHH", request)
         assert function == 3
         assert (address, count) in {*INSPIRE.values(), (1546, 6)}
+
+
+def test_a_serial_port_is_read_and_its_end_is_told() -> None:
+    device, port = pty.openpty()
+    via = Address.of(f"array:serial://{os.ttyname(port)},baud=115200")
+    reader = SourceReader("serial", via.make(load_source("array")), {"palm": 5})
+    try:
+        for k in range(3):
+            os.write(device, f"palm: 1; 2, nan -1 {k}\n# a remark\nelsewhere 1 2\npa".encode())
+            os.write(device, b"lm 1,2\n")
+            wait_for(lambda: reader.pads["palm"].sequence == k + 1)  # noqa: B023
+        assert np.array_equal(reader.pads["palm"].values, [1, 2, np.nan, np.nan, 2], equal_nan=True)
+        assert len(reader.rejected) == 2
+        os.close(port)
+        os.close(device)
+        wait_for(lambda: bool(reader.trouble))
+    finally:
+        reader.close()
+
+
+def test_the_doctor_examines_the_source_and_the_robot() -> None:
+    device = UdpLines()
+    device.values = {"left_hand": [0] * 3}
+    device.plug()
+    command = ["doctor", "nao", "--via", f"sim + {device.via},patch=left_hand", "--duration", "0.5", "--json"]
+    found = CliRunner().invoke(app, command)
+    device.unplug()
+    subjects = {one["subject"]: one for one in json.loads(found.stdout)["findings"]}
+    assert f"{device.via},patch=left_hand" in subjects
+    assert {"left_hand", "left_forearm", "joints"} <= subjects.keys()
 
 
 def test_who_is_not_there_is_named() -> None:

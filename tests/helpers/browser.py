@@ -21,9 +21,9 @@ from tci.lab.viewer.pick import pick
 from tci.messages.frames import Array, apply
 from tci.robot.limb import generic_limb_distance
 
-PATIENCE = 40.0
+PATIENCE = 120.0
 """Longest time [s] to wait for events. It is long because the page is drawn without a graphics card, and no
-test measures time. At three times this value, an event that was lost cost a sixth of all live tests' time."""
+test measures time."""
 COARSE = 0.25
 """Drawn pixels per pixel of the page's layout. Without a graphics card the page is drawn by the processors
 that the robots need, so only a sixteenth of the pixels is drawn."""

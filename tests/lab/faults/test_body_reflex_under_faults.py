@@ -115,7 +115,7 @@ def test_01_a_taxel_that_sticks_high_is_answered_once_at_most(kind: str) -> None
     assert states(ticks) == {GateState.RUN}
 
 
-@pytest.mark.parametrize("kind", ["torso"])
+@pytest.mark.parametrize("kind", PLACES)
 def test_03_a_dead_patch_stops_the_robot_since_its_fields_are_blind(kind: str) -> None:
     answers, ticks = felt(kind, "dead-patch", 62.0)
     last = ticks[-1].sent

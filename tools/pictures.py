@@ -18,6 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import clamped
 import control_modes
 import gallery
 import generic_arm
@@ -177,6 +178,7 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "touch": lambda folder: touch_to_motion.draw_path(IMAGES / "touch-to-motion.svg"),
     "bad_command": lambda folder: touch_to_motion.draw_bad_command(IMAGES / "bad-command.svg"),
     "control_modes": lambda _: control_modes.draw(IMAGES / "control-modes.png"),
+    "clamped": lambda _: clamped.picture(IMAGES / "clamped-person.png"),
     "generic_arm": lambda _: generic_arm.draw(IMAGES / "generic-arm.png"),
     "viewer": viewer,
     "without_skin": lambda folder: without_skin.draw(IMAGES / "touch-without-skin.png"),

@@ -60,6 +60,8 @@ class Outcome:
     """Skin felt it."""
     other: tuple[float, float, float]
     """Peak, and forces [N] 0.5 s and 2 s after its own first contact, on whoever stands behind."""
+    force: tuple[Array, Array]
+    """Times [s] and forces [N] on the first person."""
 
 
 class Reach(Capability[bool]):
@@ -122,7 +124,15 @@ def _try(robot: Robot, seed: int, random: np.random.Generator, mode: Mode, part:
             p, r = pose[name]
             if np.linalg.norm(p + _vertices(plant, name) @ r.T - at, axis=1).min() < 0.031:
                 return None
-    return one
+    return None if _touches(robot, one) else one
+
+
+def _touches(robot: Robot, one: Squeeze) -> bool:
+    """True if the person would stand inside the robot at the start: convex hulls stick out of meshes."""
+    plant = _plant(robot, one, None)
+    plant.place("person", one.at)
+    plant.advance(0.01)
+    return plant.felt["person"].first is not None
 
 
 def squeeze(
@@ -153,7 +163,7 @@ def squeeze(
     return Outcome(
         first, force.peak, 0.0 if first is None else force.at(first + 0.5),
         0.0 if first is None else force.at(first + 2.0), force.above(65.0), result.state.name,
-        tuple(said), felt[0], _on_second(plant),
+        tuple(said), felt[0], _on_second(plant), (np.array(force.time), np.array(force.force)),
     )  # fmt: skip
 
 

@@ -59,4 +59,5 @@ def _one(name: str, mode: str, seed: int) -> dict[str, Any]:
         )
         if wrong
     ]
-    return {"robot": name, "mode": mode, "seed": seed, "counts": True, "faults": faults, **asdict(after)}
+    seen = {key: value for key, value in asdict(after).items() if key != "force"}
+    return {"robot": name, "mode": mode, "seed": seed, "counts": True, "faults": faults, **seen}

@@ -114,6 +114,16 @@ def test_positions_by_call(show: Show) -> None:
     rpc.close()
 
 
+def test_a_mode_that_was_just_set_is_read_back(show: Show) -> None:
+    board = find_board(show.network, "/nao/LArm", "/test/read_back")
+    for mode in (DIRECT, POSITION) * 5:
+        insist(lambda mode=mode: board.set_modes([ELBOW], mode))
+        modes = show.server.boards["LArm"].state.modes
+        assert modes is not None
+        assert modes[ELBOW] == mode
+    board.close()
+
+
 def test_streamed_groups_move_their_joints_and_no_other(show: Show) -> None:
     board = find_board(show.network, "/nao/LArm", "/test/modes")
     insist(lambda: board.set_modes([ELBOW], DIRECT))

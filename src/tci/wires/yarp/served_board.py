@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -78,6 +79,7 @@ class ServedBoard(BoardService):
         self.book = OrderBook()
         """Orders that wait for the loop, and their results."""
         self._modes = BoardModes(self.servos)
+        self._switched: set[int] = set()
         self._stepped = threading.Condition()
         self._moves: NDArray[np.bool_] = np.zeros(self.count, dtype=bool)
         self._early: tuple[float, Stream, list[int], Sequence[float]] | None = None
@@ -133,6 +135,20 @@ class ServedBoard(BoardService):
             self.book.settle()
         except CommandError as error:
             raise CallError(str(error)) from error
+        self._show_switched()
+
+    def _show_switched(self) -> None:
+        """Puts modes that a call has just set into the state, so that a client reads them back at once and
+        not only after the next published state."""
+        chosen, self._switched = self._switched, set()
+        modes, interactions = self.state.modes, self.state.interactions
+        if not chosen or modes is None or interactions is None:
+            return
+        words, softs = list(modes), list(interactions)
+        for number in chosen:
+            words[number] = self._modes.word(number)
+            softs[number] = COMPLIANT if self._modes.gate_mode(number) is Mode.IMPEDANCE else STIFF
+        self.state = replace(self.state, modes=tuple(words), interactions=tuple(softs))
 
     def name(self, joint: int) -> str:
         return self.servos[self.joints([joint])[0]].name
@@ -278,6 +294,7 @@ class ServedBoard(BoardService):
         changing = self._modes.changing(joints, wanted)
         interrupted = self._rest(changing) if self.book.is_awaited and self._is_moving(changing) else {}
         before = self._modes.put(joints, wanted)
+        self._switched.update(joints)
         carried = [self._modes.gate_mode(number) for number in joints]
         for mode in dict.fromkeys(carried):
             mine = [place for place, other in enumerate(carried) if other is mode]

@@ -9,14 +9,18 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import tci
 from helpers.peers import peer_python
 from helpers.touch_devices import INSPIRE, InspireHand
 from tci.capabilities import Capability, Need
+from tci.cli.hand import in_rows
+from tci.cli.main import app
 from tci.errors import DriverError
 from tci.messages import Order, Perception
 from tci.reasons import Code
+from tci.robot.tactile_devices import device
 
 pytestmark = [pytest.mark.timeout(120), pytest.mark.xdist_group("sources")]
 PEER = """
@@ -137,6 +141,27 @@ def test_a_silent_hand_holds_only_who_needs_it(hand: InspireHand, caplog: pytest
         hand.plug()
         time.sleep(1.2)
         assert not tci.run(driver, Feels(), duration=0.3).reason
+
+
+def test_a_hand_alone_shows_its_pads_as_they_lie(hand: InspireHand) -> None:
+    hand.number()
+    hand.values["palm"] = [4095 * (k == 7) for k in range(112)]  # row 1, column 1
+    hand.values["index_top"] = [4095 * (k == 8) for k in range(96)]  # row 2, column 1
+    shown = CliRunner().invoke(app, ["hand", hand.via, "--duration", "0.6"]).stdout
+    assert "4095" in shown
+    assert "17 of 17 pads send" in shown
+    given = CliRunner().invoke(app, ["hand", hand.via, "--duration", "0.4", "--json"]).stdout
+    pads = json.loads(given)["pads"]
+    assert {pad: one["values"] for pad, one in pads.items()} == hand.values
+    table = {
+        pad.name: pad
+        for pad in device("inspire-rh56dftp").pads
+        if "index" in pad.fingers or pad.name == "palm"
+    }
+    for name, pad, place in (("palm", "palm", (0, 0)), ("index_top", "top", (1, 0))):
+        laid = in_rows(np.array(hand.values[name]), table[pad])
+        assert laid.shape == (table[pad].rows, table[pad].columns)
+        assert np.argwhere(laid).tolist() == [list(place)]
 
 
 def test_which_hand_must_be_said_and_a_robot_without_pads_is_refused(hand: InspireHand) -> None:

@@ -21,6 +21,7 @@ from tci.cli.fault import app as fault_app
 from tci.cli.film import film
 from tci.cli.gesture import app as gesture_app
 from tci.cli.guide import NEXT, first_steps
+from tci.cli.hand import hand
 from tci.cli.log import app as log_app
 from tci.cli.new_robot import new_robot
 from tci.cli.plot import plot
@@ -57,6 +58,7 @@ for command in (
     touches,
     check,
     doctor,
+    hand,
 ):
     app.command(command.__name__.replace("_", "-"))(command)
 app.add_typer(skin_app, name="skin")

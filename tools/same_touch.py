@@ -10,6 +10,7 @@ import numpy as np
 import tci
 from tci.body.generic_body import GenericBody
 from tci.lab.experiments.same_touch import PROBES, Arm, places_on
+from tci.robot.generic_arm import SEGMENTS
 from tci.skin.contacts import weighted_force
 
 ROBOTS = ("nao", "icub", "g1", "talos", "alex")
@@ -26,7 +27,7 @@ def draw(path: Path) -> None:
     """Writes the picture. Each measure has one panel, and each robot has one line."""
     reflex, chance = tci.WithdrawalReflex(), np.random.default_rng(0)
     arms = [Arm(GenericBody(tci.load_robot(name)), reflex) for name in ROBOTS]
-    places = [place for field in reflex.fields for place in places_on(arms, field, chance)]
+    places = [place for segment in SEGMENTS for place in places_on(arms, segment, chance)]
     figure, panels = plt.subplots(1, 3, figsize=(9.5, 3.2), layout="constrained")
     for arm in arms:
         felt = [

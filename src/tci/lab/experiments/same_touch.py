@@ -13,13 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tci.body.generic_body import GenericBody
-from tci.capabilities.fields import ReceptiveField
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.lab.experiments.same_stimulus import initial_joints
 from tci.messages import Contact, SkinFrame
 from tci.messages.frames import Array, read_only
 from tci.robot.description import Robot
-from tci.robot.limb import RHO
 from tci.skin.conditioning import Conditioner
 from tci.skin.contacts import ContactFinder, ContactSettings
 from tci.skin.layout import normal_channels
@@ -29,8 +27,8 @@ PROBES = (0.003, 0.005, 0.010, 0.020)
 the standard deviation of the pressure distribution."""
 FORCES = (0.3, 1.0, 3.0, 10.0)
 """Forces [N] of the touches."""
-PLACES = 16
-"""Number of touched points in each receptive field."""
+PLACES = 80
+"""Number of touched points on each segment."""
 FELT = 2.0
 """Least peak pressure [counts] that a touch must cause on each skin, so that all skins can detect the touch.
 The value is above one count, since one count may be a rounding error."""
@@ -69,11 +67,12 @@ def same_touch(
 ) -> tuple[SameTouch, ...]:
     """Computes how each robot perceives equal touches at corresponding points of its left arm.
 
-    The touched points are in the inner half of each receptive field, where every compared robot has skin.
-    Robots without any skin on the left arm are left out.
+    The touched points are anywhere on upper arm and forearm where every compared robot has skin. Robots
+    without any skin on the left arm are left out.
     """
     arms, chance = [Arm(body, reflex) for body in bodies if _has_sleeve(body)], np.random.default_rng(seed)
-    places = [place for field in reflex.fields for place in places_on(arms, field, chance)]
+    segments = dict.fromkeys(field.segment for field in reflex.fields)
+    places = [place for segment in segments for place in places_on(arms, segment, chance)]
     rows = []
     for radius in PROBES if places and arms else ():
         pressures = [[arm.pressure(place, radius) for place in places] for arm in arms]
@@ -95,15 +94,12 @@ Place = tuple[str, float, float]
 """Segment of the limb, u, and theta [rad]."""
 
 
-def places_on(arms: Sequence[Arm], field: ReceptiveField, chance: np.random.Generator) -> Iterator[Place]:
-    """Yields up to PLACES random points in the inner half of a receptive field. Every robot has skin at these
-    points."""
+def places_on(arms: Sequence[Arm], segment: str, chance: np.random.Generator) -> Iterator[Place]:
+    """Yields up to PLACES random points of a segment at which every robot has skin."""
     found = 0
-    for distance, way in chance.uniform((0.0, -np.pi), (1.0, np.pi), (40 * PLACES, 2)):
-        apart = 0.5 * field.radius * np.sqrt(distance)
-        place = field.segment, field.u + apart * np.cos(way), field.theta + apart * np.sin(way) / RHO
-        if all(arm.has_skin(place) for arm in arms):
-            yield place
+    for u, theta in chance.uniform((0.0, -np.pi), (1.0, np.pi), (40 * PLACES, 2)).tolist():
+        if all(arm.has_skin((segment, u, theta)) for arm in arms):
+            yield segment, u, theta
             found += 1
         if found == PLACES:
             return

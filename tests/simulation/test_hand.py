@@ -130,6 +130,15 @@ def test_it_follows_an_arm_that_moves_away_and_lets_one_go_that_starts_to() -> N
             assert np.percentile(late, [5.0, 95.0]) == pytest.approx(1.0, abs=0.2)
 
 
+def test_it_gives_way_to_an_arm_that_swings_against_it(nao: World) -> None:
+    """A hand that held its place with the stiffness of an arm would press with more than 100 N."""
+    nao.reset()
+    nao.touch("press 'left forearm' 10N")
+    tci.run(tci.connect("nao", "sim", world=nao), tci.WithdrawalReflex(), duration=1.8)
+    peak = max(hand.trace[:, 2].max() for hand in nao.people[0].hands if len(hand.trace))
+    assert 9.0 < peak < 60.0
+
+
 def test_a_wrong_path_or_hand_says_what_is_valid(nao: World) -> None:
     one = {"link": "LForeArm", "times": [0.0, 1.0], "points": [0.0, 0.0, 0.0], "normals": [0.0, 0.0, 1.0],
            "forces": [1.0, 1.0]}  # fmt: skip

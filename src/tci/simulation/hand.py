@@ -355,11 +355,14 @@ class Hand:
         physics.touch()
 
     def _open(self, path: HandPath, link: int) -> None:
-        """A path on skin leads through the bare hulls of its link. They are rough, and stick out of the skin
-        of some robots by up to two centimetres, where the robot itself has none."""
+        """A path on skin leads through the bare hulls of its link and of the links beside it. They are rough,
+        and stick out of the skin of some robots by up to two centimetres, where the robot itself has none; a
+        pad that slides into the notch between skin and hull is wedged with thousands of newtons."""
         model, bit = self._physics.model, int(self._physics.model.geom_contype[self._geoms[0]])
         model.geom_conaffinity[self._hard] |= bit
-        own = [geom for geom in self._hard if model.geom_bodyid[geom] == link]
+        parent = model.body_parentid
+        near = [geom for geom in self._hard
+                if link in (body := model.geom_bodyid[geom], parent[body]) or body == parent[link]]  # fmt: skip
         skins = [mesh for geom, mesh in self._skins if model.geom_bodyid[geom] == link]
         points = np.array(path.points).reshape(-1, 3)
         points = points[:: max(1, len(points) // 20)]
@@ -367,7 +370,7 @@ class Hand:
             taxels = np.concatenate(skins)
             apart = np.linalg.norm(points[:, None] - taxels[None], axis=2).min(axis=1)
             if (apart < _ON_SKIN).all():
-                model.geom_conaffinity[own] &= ~bit
+                model.geom_conaffinity[near] &= ~bit
         self._solid = np.flatnonzero(model.geom_conaffinity & bit).tolist()
 
     def _watch(self, link: int) -> None:

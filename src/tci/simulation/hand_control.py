@@ -54,6 +54,9 @@ HANDS = returns(
 poses, felt and commanded forces (`RING` rows a hand, 9), record (`TRACE` rows a hand), MuJoCo's `xpos`,
 `xquat`, `body_pos`, `body_quat`, `qpos` and `qvel`."""
 Arrays = tuple[Array, ...]
+EASY = 8.0
+"""Force [N] above the asked one, up to which the arm pulls the hand to its place and speed, in all directions.
+Beyond it the arm gives way. Assumed: people who touch do not push through; a firm hand would need 50 N."""
 AWAY = -30.0
 """Height [m] at which hands without work wait."""
 
@@ -199,10 +202,19 @@ def guide(number: int, step: float, ctrl: Array, hands: Arrays) -> None:
             w, a, b, c = _times(turn, (pad[TURN], pad[TURN + 1], pad[TURN + 2], pad[TURN + 3]))
             body_quat[body, 0], body_quat[body, 1], body_quat[body, 2], body_quat[body, 3] = w, a, b, c
         target, push = (bx + pose[0], by + pose[1], bz + pose[2]), _turned(turn, px, py, pz)
+        square = 0.0
         for i in range(3):
             speed = (target[i] - state[LAST + i]) / step if at > 0 else qvel[dof + i]
             state[LAST + i] = target[i]
-            ctrl[begin + i] = target[i] + (state[DAMPING] * speed + push[i]) / state[STIFFNESS]
+            # as if the damper pulled too: MuJoCo takes its part at the hand's own speed off
+            ctrl[begin + i] = (
+                state[STIFFNESS] * (target[i] - qpos[joint + i]) + state[DAMPING] * (speed - qvel[dof + i])
+            )
+            square += ctrl[begin + i] ** 2
+        eased = min(1.0, (EASY + row[ASKED]) / max(square**0.5, 1e-9))
+        for i in range(3):
+            pulled = eased * ctrl[begin + i] + state[DAMPING] * qvel[dof + i] + push[i]
+            ctrl[begin + i] = qpos[joint + i] + pulled / state[STIFFNESS]
 
 
 @inlined

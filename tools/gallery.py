@@ -15,7 +15,7 @@ from tci.body.places import find_place
 from tci.capabilities import default_fields
 from tci.drivers.simulated import SimulatedDriver
 from tci.lab.pictures.camera import fit, look_at
-from tci.lab.pictures.film import LAST, SHOWN, Film
+from tci.lab.pictures.film import EVERY, LAST, SHOWN, Film
 from tci.lab.pictures.paint import FULL_SCALE, field_looks
 from tci.lab.pictures.portrait import Portrait, keep_moment
 from tci.robot.generic_fingers import FLEXIONS
@@ -33,6 +33,7 @@ thumb flexion and finger flexion [degrees]."""
 SCALE = 0.8
 """Factor by which the films are smaller than those of `tci run --film`."""
 FACE = "head_skin"
+KINDS = ("stroke", "pat", "squeeze", "poke", "rub")
 Touch = Callable[[Any, tci.Robot], None]
 
 
@@ -93,12 +94,13 @@ def side_by_side(films: list[list[Image.Image]]) -> list[Image.Image]:
     return joined
 
 
-def save(pictures: list[Image.Image], path: Path) -> None:
-    """Writes an animated GIF with one palette. The GIF has the speed of `tci run --film`."""
-    small = [p.resize((round(SCALE * p.width), round(SCALE * p.height))) for p in pictures]
+def save(pictures: list[Image.Image], path: Path, *, scale: float = SCALE, every: int = 1) -> None:
+    """Writes an animated GIF with one palette. The GIF has the speed of `tci run --film`, also with one of
+    `every` pictures."""
+    small = [p.resize((round(scale * p.width), round(scale * p.height))) for p in pictures]
     palette = small[len(small) // 2].quantize(128)
     frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in small]
-    times = [round(1e3 * SHOWN)] * (len(frames) - 1) + [round(1e3 * LAST)]
+    times = [round(1e3 * every * SHOWN)] * (len(frames) - 1) + [round(1e3 * LAST)]
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=times, loop=0, optimize=True)
 
 
@@ -107,6 +109,37 @@ def pokes(folder: Path, images: Path) -> None:
     reflex = tci.WithdrawalReflex()
     both = [film(folder, name, reflex, touch_forearm, duration=0.7) for name in ("nao", "icub")]
     save(side_by_side(both), images / "pokes.gif")
+
+
+class Still(tci.Capability[None]):
+    """Moves nothing."""
+
+    def init(self, body: tci.GenericBody) -> None:
+        return None
+
+    def step(self, memory: None, perception: tci.Perception, body: tci.GenericBody) -> tuple[tuple[()], None]:
+        return (), None
+
+
+def kinds(folder: Path, images: Path) -> None:
+    """Five kinds of touch on a NAO that holds still, each with the hand that does it. One of two pictures."""
+    shown = []
+    for kind in KINDS:
+        path = folder / f"{kind}.gif"
+        with tci.connect("nao", "sim", people=1) as driver:
+            driver.world.touch(f"{kind} 'left forearm'")
+            made, due = Film(driver.world, path, fields=(), part="left_arm"), [0.2]
+
+            def watch(tick: tci.Tick, made: Film = made, due: list[float] = due) -> None:
+                if tick.now >= due[0]:
+                    due[0] = tick.now + 2.0 * EVERY
+                    made.see(tick)
+
+            tci.run(driver, Still(), duration=1.2, observe=watch)
+            made.save()
+        with Image.open(path) as pictures:
+            shown.append([picture.convert("RGB") for picture in ImageSequence.Iterator(pictures)])
+    save(side_by_side(shown), images / "kinds.gif", scale=0.5, every=2)
 
 
 def soft(folder: Path, images: Path) -> None:

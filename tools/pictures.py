@@ -170,6 +170,7 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "shrug": shrug,
     "notebook": notebook,
     "pokes": lambda folder: gallery.pokes(folder, IMAGES),
+    "kinds": lambda folder: gallery.kinds(folder, IMAGES),
     "soft": lambda folder: gallery.soft(folder, IMAGES),
     "body": lambda folder: gallery.body(folder, IMAGES),
     "hands": lambda folder: gallery.hands(folder, IMAGES),

@@ -361,8 +361,8 @@ class Hand:
         model, bit = self._physics.model, int(self._physics.model.geom_contype[self._geoms[0]])
         model.geom_conaffinity[self._hard] |= bit
         parent = model.body_parentid
-        near = [geom for geom in self._hard
-                if link in (body := model.geom_bodyid[geom], parent[body]) or body == parent[link]]  # fmt: skip
+        bodies = {geom: model.geom_bodyid[geom] for geom in self._hard}
+        near = [geom for geom, body in bodies.items() if link in (body, parent[body]) or body == parent[link]]
         skins = [mesh for geom, mesh in self._skins if model.geom_bodyid[geom] == link]
         points = np.array(path.points).reshape(-1, 3)
         points = points[:: max(1, len(points) // 20)]

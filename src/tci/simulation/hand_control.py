@@ -55,7 +55,7 @@ poses, felt and commanded forces (`RING` rows a hand, 9), record (`TRACE` rows a
 `xquat`, `body_pos`, `body_quat`, `qpos` and `qvel`."""
 Arrays = tuple[Array, ...]
 EASY = 8.0
-"""Force [N] above the asked one, up to which the arm pulls the hand to its place and speed, in all directions.
+"""Force [N] above the asked one, up to which the arm pulls the hand to its place and speed, on all axes.
 Beyond it the arm gives way. Assumed: people who touch do not push through; a firm hand would need 50 N."""
 AWAY = -30.0
 """Height [m] at which hands without work wait."""
@@ -207,8 +207,8 @@ def guide(number: int, step: float, ctrl: Array, hands: Arrays) -> None:
             speed = (target[i] - state[LAST + i]) / step if at > 0 else qvel[dof + i]
             state[LAST + i] = target[i]
             # as if the damper pulled too: MuJoCo takes its part at the hand's own speed off
-            ctrl[begin + i] = (
-                state[STIFFNESS] * (target[i] - qpos[joint + i]) + state[DAMPING] * (speed - qvel[dof + i])
+            ctrl[begin + i] = state[STIFFNESS] * (target[i] - qpos[joint + i]) + state[DAMPING] * (
+                speed - qvel[dof + i]
             )
             square += ctrl[begin + i] ** 2
         eased = min(1.0, (EASY + row[ASKED]) / max(square**0.5, 1e-9))

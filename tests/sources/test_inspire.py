@@ -164,6 +164,19 @@ def test_a_hand_alone_shows_its_pads_as_they_lie(hand: InspireHand) -> None:
         assert np.argwhere(laid).tolist() == [list(place)]
 
 
+def test_a_simulated_robot_with_a_real_hand_needs_no_permission_to_move(hand: InspireHand) -> None:
+    command = [
+        "run",
+        "light-grasp",
+        "g1-inspire",
+        "--via",
+        f"sim + {hand.via},side=right",
+        "--duration",
+        "0.1",
+    ]
+    assert "read-only" not in CliRunner().invoke(app, command).stdout
+
+
 def test_which_hand_must_be_said_and_a_robot_without_pads_is_refused(hand: InspireHand) -> None:
     with pytest.raises(DriverError, match="side=left"):
         tci.connect("g1-inspire", f"sim + {hand.via}")

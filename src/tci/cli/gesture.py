@@ -146,7 +146,7 @@ def play(
     from tci.capabilities.play_gesture import Phase, PlayGesture
     from tci.capabilities.withdrawal import WithdrawalReflex
     from tci.cli.console import console, print_json
-    from tci.drivers.info import HARMLESS
+    from tci.drivers.info import moves_nothing_real
     from tci.drivers.registry import connect
     from tci.gestures.gesture import fit
     from tci.lab.experiments.follow import follow
@@ -159,7 +159,7 @@ def play(
     if not as_json:
         _announce(words, gesture, fitted)
         _tell(imported)
-    driver = connect(words, via, arm=arm or via.partition(":")[0] in HARMLESS)
+    driver = connect(words, via, arm=arm or moves_nothing_real(via))
     with driver:
         following = follow(driver, PlayGesture(fitted), reflexes=[WithdrawalReflex()] if reflex else [])
     done = following.phase is Phase.DONE

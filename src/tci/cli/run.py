@@ -119,7 +119,7 @@ def run_capability(
     from tci.cli.operator import Operator
     from tci.cli.run_view import RunView, conclude
     from tci.cli.touching import ask
-    from tci.drivers.info import HARMLESS
+    from tci.drivers.info import moves_nothing_real
     from tci.drivers.registry import connect
     from tci.lab.faults.fault_injector import parse_fault
     from tci.robot.catalogue import load_robot
@@ -132,7 +132,7 @@ def run_capability(
     described = load_robot(robot)
     asked = ask(described, touch, touches)
     options = {} if asked is None else asked.options(via)
-    driver = connect(described, via, arm=arm or via.partition(":")[0] in HARMLESS, **options)
+    driver = connect(described, via, arm=arm or moves_nothing_real(via), **options)
     view = RunView(quiet=as_json)
     with driver, told_here(), ExitStack() as closing:
         recorder = None

@@ -54,7 +54,7 @@ def serve(
     from tci.cli.operator import HINT, Operator
     from tci.cli.touch_desk import TouchDesk
     from tci.cli.touching import ask, example_touch
-    from tci.drivers.info import HARMLESS
+    from tci.drivers.info import moves_nothing_real
     from tci.drivers.registry import connect, open_server
     from tci.errors import DriverError
     from tci.gate.gate import GateState
@@ -70,7 +70,7 @@ def serve(
     if source == "sim":  # people who wait do not change what the skin feels of the robot itself
         options = {"paced": True, "people": 1} | ({"self_touch": False} if asked is None else {})
     options |= {} if asked is None else asked.options(source)
-    arm = arm or source.partition(":")[0] in HARMLESS
+    arm = arm or moves_nothing_real(source)
     report, served, reasons = LoopReport(), Served(), ReasonCounter()
     opened = connect(described, source, arm=arm, **options)
     with opened as driver, open_server(driver, via) as server, told_here(), ExitStack() as closing:

@@ -111,7 +111,7 @@ def _sources(names: Sequence[str], vias: Sequence[str], capability: str, *, arm:
     """Opens the sources of the viewer: a session for each robot, and a player for each recording."""
     from tci.cli.robots import load_robots
     from tci.cli.session import about_capability
-    from tci.drivers.info import HARMLESS
+    from tci.drivers.info import moves_nothing_real
     from tci.drivers.registry import connect
     from tci.runtime.arguments import load_capability
 
@@ -127,9 +127,9 @@ def _sources(names: Sequence[str], vias: Sequence[str], capability: str, *, arm:
         if via.startswith(REPLAY):
             found.append(_player(via.removeprefix(REPLAY), names[index] if names else None))
             continue
-        name = via.partition(":")[0]
+        name = via.split(" + ")[0].partition(":")[0]
         options = SIMULATED if name == "sim" else {}
-        driver = connect(robots[index], via, arm=arm or name in HARMLESS, **options)
+        driver = connect(robots[index], via, arm=arm or moves_nothing_real(via), **options)
         about = {"middleware": name, **about_capability(capability, behaviour)}
         found.append(Session(driver, behaviour, about=about))
     return found

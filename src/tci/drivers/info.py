@@ -19,6 +19,11 @@ HARMLESS = ("sim", "replay")
 """Names of the drivers that move no hardware. These drivers are armed by default."""
 
 
+def moves_nothing_real(via: str) -> bool:
+    """True if the first driver of an address, which moves the robot, is harmless: `sim + inspire:...`."""
+    return via.split(" + ")[0].partition(":")[0] in HARMLESS
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class DriverInfo:
     """Facts about one connection to a robot. A driver that wraps another driver replaces some of these

@@ -209,6 +209,7 @@ def _ended(
     The added end is the origin of a link that is fixed to the forearm, such as a hand, or else the far end of
     the forearm's geometry. Raises DescriptionError if the model contains neither.
     """
+    limb = _without_stray_frame(joints, limb, points, R_RH)
     if not limb.ends_nowhere:
         return limb
     link = joints[limb.bend if limb.turn is None else limb.turn].link
@@ -221,6 +222,27 @@ def _ended(
         )
         raise DescriptionError(model.path, [Fault(0, message)])
     return ended
+
+
+def _without_stray_frame(joints: Sequence[Joint], limb: Limb, points: LinkPoints, R_RH: Array) -> Limb:
+    """The limb, with its wrist where the forearm's shapes end if only the frame of a turning joint told it,
+    and this frame lies on the other side of the elbow or far beyond all shapes. A frame may lie anywhere on
+    the axis of its joint: makers of CAD use that."""
+    if limb.turn is None or any(other.parent == limb.turn for other in joints):
+        return limb
+    ends = [
+        end @ R_RH - limb.middle
+        for link in (joints[limb.bend].link, joints[limb.turn].link)
+        if (end := points.far_end(link, R_RH @ limb.middle)) is not None
+    ]
+    if not ends:
+        return limb
+    told, length = limb.wrist - limb.middle, float(np.linalg.norm(limb.wrist - limb.middle))
+    farthest = max(float(np.linalg.norm(end)) for end in ends)
+    if length <= 0.0 or (float(told @ ends[0]) > 0.0 and length <= farthest):
+        return limb
+    axis = joints[limb.turn].axis
+    return replace(limb, wrist=limb.middle + axis * float(axis @ ends[0]))
 
 
 def _medians(joints: Sequence[Joint]) -> list[float]:

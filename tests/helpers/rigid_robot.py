@@ -215,6 +215,10 @@ class RigidRobot:
             mujoco.mju_quatZ2Vec(self.model.body_quat[base], np.asarray(along, dtype=float))
         mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
 
+    def shift(self, name: str, point: Array) -> None:
+        """Moves a clamped person's surface towards `point` (3,) [m], as somebody who moves it does."""
+        self.model.body_pos[self.model.body(name).id] = point
+
     def link_pose(self, link: str) -> tuple[Array, Array]:
         """Position (3,) [m] and rotation (3, 3) of a link in the world."""
         body = self.data.body(link)

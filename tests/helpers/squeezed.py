@@ -102,10 +102,10 @@ def _try(robot: Robot, seed: int, random: np.random.Generator, mode: Mode, part:
     rate = float(random.choice([100.0, 500.0]))
     free = Squeeze(part, start, goal, mode, share, stiffness, "", np.zeros(3), np.zeros(3), rate, seed)
     plant, path = _path(robot, free)
-    links = _links(robot, plant, part)
+    links = links_of(robot, plant, part)
     link = str(random.choice(links))
     index = int(random.uniform(0.25, 0.75) * len(path))
-    vertices = _vertices(plant, link)
+    vertices = vertices_of(plant, link)
     here, rotation = path[index][link]
     after, turned = path[min(index + max(1, round(0.008 * free.rate)), len(path) - 1)][link]
     moved = (after + vertices @ turned.T) - (here + vertices @ rotation.T)
@@ -122,7 +122,7 @@ def _try(robot: Robot, seed: int, random: np.random.Generator, mode: Mode, part:
     for pose in path[: max(2, index // 4) : 2]:
         for name in links:
             p, r = pose[name]
-            if np.linalg.norm(p + _vertices(plant, name) @ r.T - at, axis=1).min() < 0.031:
+            if np.linalg.norm(p + vertices_of(plant, name) @ r.T - at, axis=1).min() < 0.031:
                 return None
     return None if _touches(robot, one) else one
 
@@ -170,8 +170,8 @@ def squeeze(
 def _behind(robot: Robot, plant: RigidRobot, one: Squeeze, room: float) -> Array:
     """Place of the second person's middle: on the far side of the link that meets the first, with `room` [m]
     to every link of the part."""
-    poses = {name: plant.link_pose(name) for name in _links(robot, plant, one.part)}
-    world = np.concatenate([p + _vertices(plant, name) @ r.T for name, (p, r) in poses.items()])
+    poses = {name: plant.link_pose(name) for name in links_of(robot, plant, one.part)}
+    world = np.concatenate([p + vertices_of(plant, name) @ r.T for name, (p, r) in poses.items()])
     position, rotation = poses[one.link]
     ahead = one.at - (position + rotation @ one.point)
     ahead /= np.linalg.norm(ahead)
@@ -230,7 +230,7 @@ def _path(robot: Robot, one: Squeeze) -> tuple[RigidRobot, list[dict[str, tuple[
     return plant, path
 
 
-def _links(robot: Robot, plant: RigidRobot, part: str) -> list[str]:
+def links_of(robot: Robot, plant: RigidRobot, part: str) -> list[str]:
     """Links with a solid that at least two of the part's joints move."""
     joints = {robot.servos[one.servo].joint for one in robot.part(part).servos if one.servo is not None}
     model, found = plant.model, []
@@ -247,7 +247,7 @@ def _links(robot: Robot, plant: RigidRobot, part: str) -> list[str]:
     return found
 
 
-def _vertices(plant: RigidRobot, link: str) -> Array:
+def vertices_of(plant: RigidRobot, link: str) -> Array:
     """Points (n, 3) [m] on a link's solids, in its frame."""
     model, found = plant.model, []
     body = model.body(link).id

@@ -17,6 +17,7 @@ sys.path[:0] = [str(HERE), str(HERE.parents[1] / "tests"), str(HERE.parent)]
 
 from attacks import bodies, limits
 from away import moves_away
+from bystander import bystander
 from bytes_in import descriptions, guided, heartbeats
 from day import false_reflexes
 from death import heartbeat
@@ -45,7 +46,8 @@ from wires import wires
 ROWS: dict[str, Callable[[bool], Row]] = {
     one.__name__: one
     for one in (
-        limits, modes, squeezed, bodies, moves_away, whole_arm, non_finite, heartbeat, one_kilohertz, loop,
+        limits, modes, squeezed, bystander, bodies, moves_away, whole_arm, non_finite, heartbeat,
+        one_kilohertz, loop,
         false_reflexes, descriptions, guided, heartbeats, wires, dropped, killed, minute, yarp_skin,
         yarp_kills, mutation, branches, exposure, felt_places, felt_nothing, felt_reflex,
         unitree_kills, unitree_messages, unitree_hostile, unitree_faults, unitree_motion,

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tci.body.cartesian import Reach as Reach
     from tci.body.generic_body import BodySettings as BodySettings
     from tci.body.generic_body import GenericBody as GenericBody
+    from tci.body.pace import Pace as Pace
     from tci.body.perceiver import Perceiver as Perceiver
     from tci.body.places import Place as Place
     from tci.body.tactile import ContactShape as ContactShape
@@ -24,5 +25,6 @@ if TYPE_CHECKING:
     from tci.body.tactile import pressure_image as pressure_image
     from tci.body.tactile import shear_force as shear_force
     from tci.body.tactile import touch_events as touch_events
+    from tci.robot.blow import Struck as Struck
 else:
     __all__, __getattr__, __dir__ = lazy_names(__name__)

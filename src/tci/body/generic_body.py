@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from tci.body.cartesian import Reach, cartesian_to_platform, reach_of
 from tci.body.coverage import Coverage
 from tci.body.landmarks import Landmarks
+from tci.body.pace import UNBOUNDED, Pace, Paces
 from tci.body.places import Place, find_place
 from tci.body.posture import expected, generic_columns, home, switch, to_platform
 from tci.body.retreat import Retreat
@@ -39,6 +40,7 @@ from tci.messages import (
 )
 from tci.messages.frames import Array, read_only
 from tci.reasons import Reason
+from tci.robot.blow import Struck
 from tci.robot.description import Kind, Robot
 from tci.robot.joint_calibration import JointCalibration
 from tci.robot.joint_map import JointMap, generic_posture, joint_map
@@ -90,6 +92,7 @@ class GenericBody:
     _landmarks: Landmarks
     _stability: StaticStability
     _retreat: Retreat
+    _paces: Paces
     _coverage: Coverage
 
     def __init__(self, robot: RobotLike, settings: BodySettings | None = None) -> None:
@@ -116,7 +119,8 @@ class GenericBody:
             _has_joint=has,
             _landmarks=landmarks,
             _stability=StaticStability(skin),
-            _retreat=Retreat(skin, layout),
+            _retreat=(retreat := Retreat(skin, layout)),
+            _paces=Paces(robot, retreat),
             _coverage=Coverage(skin, landmarks),
         )
 
@@ -239,6 +243,22 @@ class GenericBody:
         """
         position, goals = _joints(perception).position, np.asarray(targets, np.float64)
         return self._retreat.at_ends(position, perception.contacts, part, goals)
+
+    def rate(self, perception: Perception, part: str) -> Array:
+        """Measured speeds (n,) [rad/s] of the generic joints of a part; 0 for joints that the robot lacks,
+        and where no speed is measured."""
+        joints, own = _joints(perception), self.joint_maps[self.robot.part(part).name]
+        rate = np.zeros(own.fixed.shape)
+        rate[own.ids] = own.slope(joints.position) @ np.nan_to_num(joints.velocity[own.servos])
+        return rate
+
+    def pace(self, perception: Perception, part: str, target: ArrayLike, people: Sequence[Struck]) -> Pace:
+        """How fast `part` may move to `target` (n,) [rad] so that it strikes nobody in its way harder than
+        `people` say, and the force [N] that no blow exceeds then."""
+        if perception.joints is None:
+            return UNBOUNDED
+        position, goal = perception.joints.position, np.asarray(target, np.float64)
+        return self._paces.pace(position, part, perception.posture[part], goal, people)
 
     def distance(self, contact: Contact, landmark: Landmark) -> float:
         """Geodesic distance [m] along the skin between a contact and a landmark of its part; infinite if they

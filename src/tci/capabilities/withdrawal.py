@@ -38,6 +38,7 @@ from tci.messages import (
 )
 from tci.messages.frames import Array, read_only
 from tci.reasons import Reason
+from tci.robot.blow import PEOPLE, Struck
 from tci.robot.generic_arm import JOINTS, SEGMENTS
 
 RESPONSES = ("blended", "meant", "printed")
@@ -103,6 +104,9 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     softness: float = 0.4
     """Stiffness of the arms in impedance mode, relative to full stiffness. Assumed: soft enough to yield to a
     hand, stiff enough to reach the target against gravity."""
+    people: Sequence[Struck] = PEOPLE
+    """Who may stand in the way. Each withdrawal is so slow that none of them is struck harder than they say;
+    empty for the robot's full speed."""
     _used: tuple[ReceptiveField, ...] = field(init=False, repr=False, compare=False)
     _table: NDArray[np.void] = field(init=False, repr=False, compare=False)
     _motions: NDArray[np.float64] = field(init=False, repr=False, compare=False)
@@ -163,7 +167,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         wishes = self._wishes(perception.contacts, perception.posture) if len(perception.contacts) else {}
         mode = Mode.of(self.mode)
         after = withdraw_all(
-            memory, wishes, perception, body, refractory=self.refractory, mode=mode,
+            memory, wishes, perception, body, refractory=self.refractory, mode=mode, people=self.people,
             others=partial(self._others, body) if self.response == "blended" else None,
         )  # fmt: skip
         if mode is not Mode.VELOCITY:
@@ -171,7 +175,10 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         velocities = {
             part: (one.target - perception.posture[part]) / self.approach for part, one in after.items()
         }
-        return tuple(GenericCommand(p, Mode.VELOCITY, read_only(v)) for p, v in velocities.items()), after
+        return tuple(
+            GenericCommand(part, Mode.VELOCITY, read_only(v), speed=after[part].pace.speed)
+            for part, v in velocities.items()
+        ), after
 
     def _wishes(self, contacts: Contacts, posture: Mapping[str, Array]) -> dict[str, list[Wish[Response]]]:
         """The responses that the contacts ask for, by part (eqs 5-7)."""

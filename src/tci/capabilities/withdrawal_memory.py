@@ -8,6 +8,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
+from tci.body.pace import UNBOUNDED, Pace
 from tci.messages import Perception
 from tci.messages.frames import Array, frozen
 
@@ -66,6 +67,8 @@ class Withdrawal(Generic[F]):
     """True if no field of this part was touched in the latest step."""
     ended: bool = False
     """True if an object on the path ended the motion."""
+    pace: Pace = UNBOUNDED
+    """How fast it goes, and how hard it strikes whoever stands in its way at most."""
 
     def goes_as(self, before: Withdrawal[F] | None) -> bool:
         """True if this withdrawal has the same target as `before`."""
@@ -129,8 +132,8 @@ class Withdrawals(Mapping[str, Withdrawal[F]]):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """A sentence for each touched part that does not move, and for each that moved and is still
-        touched."""
+        """A sentence for each touched part that does not move, for each that moved and is still touched, and
+        for each that moves slower than it can."""
         still = [f"{part} was touched and does not move: {one.reason}" for part, one in self.refused.items()]
         lasting = [
             f"{part} has moved as far as it goes for one touch, which has not ended after {LASTS:g} s; "
@@ -138,7 +141,13 @@ class Withdrawals(Mapping[str, Withdrawal[F]]):
             for part, one in self.motions.items()
             if part not in self.refused and not one.quiet and one.touched - one.started >= LASTS
         ]
-        return (*still, *lasting)
+        slow = [
+            f"{part} withdraws at {one.pace.share:.0%} of its speed, so that whoever stands in its way gets "
+            f"at most {one.pace.force:.0f} N"
+            for part, one in self.motions.items()
+            if one.pace.speed is not None and not one.ended
+        ]
+        return (*still, *lasting, *slow)
 
 
 def _frames(perception: Perception) -> bytes:

@@ -15,14 +15,20 @@ from typing import Generic, NamedTuple
 import numpy as np
 
 from tci.body.generic_body import GenericBody
+from tci.body.pace import Pace
 from tci.capabilities.retreat import are_hopeless, hopeful, why_not
 from tci.capabilities.withdrawal_memory import F, Field, Refusal, Wish, Withdrawal, Withdrawals, target_of
 from tci.errors import CommandError
 from tci.messages import GenericCommand, Mode, Perception
-from tci.messages.frames import Array
+from tci.messages.frames import Array, frozen
 from tci.reasons import Code, Reason
+from tci.robot.blow import PEOPLE, Struck
 
 NO_WAY = "in this posture none of its joints takes the touched place away; valid: another posture"
+ROOM = 5e-3
+"""Distance [m] that a withdrawal leaves to whoever it met: it ends before where the contact began."""
+NOTICED = 0.03
+"""Time [s] from the beginning of a contact until it is perceived: a frame of skin and a late reading."""
 LEAST_COVERAGE = 0.5
 """A field is blind if the fraction of its healthy taxels is below this value: most touches of the field are
 then missed."""
@@ -39,6 +45,7 @@ def withdraw_all(
     *,
     refractory: float,
     mode: Mode = Mode.POSITION,
+    people: Sequence[Struck] = PEOPLE,
     forbids: Callable[[str, Array], str] | None = None,
     others: Callable[[str, F], Sequence[F]] | None = None,
 ) -> Withdrawals[F]:
@@ -51,6 +58,7 @@ def withdraw_all(
         body: The generic body.
         refractory: A touch ends when there has been no wish for its part for this time [s].
         mode: Control mode of the motions.
+        people: Whoever may stand in the way, and how hard they may be struck.
         forbids: Further check. Receives a part and its target (n,) [rad], and returns the reason why the part
             must not move there; empty if it may.
         others: Receives a part and its refused response, and returns those that may answer in its place.
@@ -70,7 +78,7 @@ def withdraw_all(
             if before is not None:
                 motions[part] = before
             continue
-        touched = _Touched(part, own, perception, body, mode, met, others)
+        touched = _Touched(part, own, perception, body, mode, met, others, people)
         after, refusal = touched.withdraw(before, refused.get(part))
         if own and after is not None and forbids is not None and (why := forbids(part, after.target)):
             refusal = touched.refusal(why, before)
@@ -91,7 +99,7 @@ def new_targets(
 ) -> tuple[GenericCommand, ...]:
     """A command for each part with a new target."""
     return tuple(
-        GenericCommand(part, mode, one.target)
+        GenericCommand(part, mode, one.target, speed=one.pace.speed)
         for part, one in after.motions.items()
         if not one.goes_as(before.motions.get(part))
     )
@@ -121,6 +129,7 @@ class _Touched(NamedTuple, Generic[F]):
     met: frozenset[int]
     """Identities of all present contacts."""
     others: Callable[[str, F], Sequence[F]] | None
+    people: Sequence[Struck]
 
     def withdraw(
         self, before: Withdrawal[F] | None, refused: Refusal | None
@@ -170,7 +179,8 @@ class _Touched(NamedTuple, Generic[F]):
             moves = any(wish.field.motion)
             why = self._why_not(target, [one.contact for one in wishes]) if moves else NO_WAY
             if not why:
-                return Withdrawal(wish.field, origin, wish.gain, target, now, now, self.met), ""
+                pace = self._pace(target)
+                return Withdrawal(wish.field, origin, wish.gain, target, now, now, self.met, pace=pace), ""
             if moves and not first and len(ways) > 1:
                 hopeless = self._are_hopeless(origin, ways)
             first = first or why
@@ -201,19 +211,38 @@ class _Touched(NamedTuple, Generic[F]):
         target = target_of(withdrawal.origin, max(more), field)
         if why := self._why_not(target):
             return withdrawal, why
-        return replace(withdrawal, gain=max(more), target=target), ""
+        return replace(withdrawal, gain=max(more), target=target, pace=self._pace(target)), ""
 
     def _meet(self, withdrawal: Withdrawal[F]) -> tuple[Withdrawal[F], str]:
-        """Ends a withdrawal here, and says why, if the rest of it would press skin into an object that has
-        touched since it was checked."""
+        """Ends a withdrawal, and says why, if the rest of it would press skin into an object that has touched
+        since it was checked: the part goes back a little, and stays there."""
         if withdrawal.ended or self.met <= withdrawal.met:
             return withdrawal, ""
         if why := self._why_not(withdrawal.target):
-            return replace(withdrawal, target=self.perception.posture[self.part], ended=True), why
+            return replace(withdrawal, target=self._before(withdrawal), ended=True), why
         return replace(withdrawal, met=self.met), ""
+
+    def _before(self, withdrawal: Withdrawal[F]) -> Array:
+        """The posture on the way back to the origin at which the newly touched places are `ROOM` before where
+        their contacts began, or as near to it as the older contacts permit; here, if it leads nowhere."""
+        here = self.perception.posture[self.part]
+        if self.perception.joints is None:
+            return here
+        new = [one.identity not in withdrawal.met for one in self.perception.contacts]
+        back = here + np.linspace(0.0, 1.0, 21)[:, None] * (withdrawal.origin - here)
+        since = here - NOTICED * self.body.rate(self.perception, self.part)
+        away = self.body.retreat_at_ends(self.perception, self.part, np.vstack([since, back]))[0]
+        travelled, away = np.maximum(away[0, new], 0.0), away[1:]
+        permitted = (away[:, ~np.array(new)] >= -ROOM).all(axis=1).cumprod().astype(bool)
+        least = np.where(permitted, (away[:, new] - travelled).min(axis=1), -np.inf)
+        enough = least >= ROOM
+        return frozen(back[int(enough.argmax() if enough.any() else least.argmax())])
 
     def _why_not(self, target: Array, answers: Sequence[int] = ()) -> str:
         return why_not(self.perception, self.body, self.part, target, mode=self.mode, answers=answers)
+
+    def _pace(self, target: Array) -> Pace:
+        return self.body.pace(self.perception, self.part, target, self.people)
 
     def _are_hopeless(self, origin: Array, ways: Mapping[tuple[float, ...], Sequence[Wish[F]]]) -> list[bool]:
         """True for each way that the posture at its end rules out: this needs less time than whole paths."""

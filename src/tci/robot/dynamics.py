@@ -3,6 +3,7 @@ velocity and weight."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import lru_cache
 
 import numpy as np
@@ -81,6 +82,21 @@ class Dynamics:
         inertia[np.ix_(self._servos, self._servos)] = self._full[self._square]
         bias[self._servos] = self._bias[self._columns]
         return inertia, bias
+
+    def centres(self, servos: Collection[int]) -> Array:
+        """Jacobians (l, 3, n) [m/rad] of the centres of mass of those l links whose own joint one of `servos`
+        moves, in the posture of the last `at`, in the frame of the model's root."""
+        model, data = self._model, self._data
+        driven = dict(zip(self._columns.tolist(), self._servos.tolist(), strict=True))
+        found, whole = [], np.zeros((3, model.nv))
+        for body in range(1, model.nbody):
+            last = int(model.body_dofadr[body]) + int(model.body_dofnum[body]) - 1
+            if model.body_dofnum[body] and driven.get(last) in servos and model.body_mass[body] > 0.0:
+                mujoco.mj_jacBodyCom(model, data, whole, None, body)
+                one = np.zeros((3, self._n))
+                one[:, self._servos] = whole[:, self._columns]
+                found.append(one)
+        return np.array(found).reshape(-1, 3, self._n)
 
     def _add(self, body: int, mass: float, centre: Array) -> None:
         """Adds a point mass to a body of the MuJoCo model: `mass` [kg] at the point `centre` (3,) [m] in the

@@ -131,3 +131,13 @@ def predict(way: Array, servos: NDArray[np.int64], goal: Array, most: Speeds, to
         for k in range(TIMES):
             t = EARLY[k] if k < len(EARLY) else SHARES[k - len(EARLY)] * duration
             way[1 + k, servos[i]] = here + side * _travelled(t, apart, peak, a, j)
+
+
+def peaks(distances: Array, limits: Speeds) -> Array:
+    """Peak speeds (k,) [rad/s] of the fastest motions over `distances` (k,) [rad]: `_fastest_peak`."""
+    v, a, j = limits
+    lost = a * a / j
+    ramps = 0.5 * (np.sqrt(lost * lost + 4.0 * a * distances) - lost)
+    short = distances * j * j <= 2.0 * a**3
+    found: Array = np.minimum(v, np.where(short, (0.5 * distances * np.sqrt(j)) ** (2.0 / 3.0), ramps))
+    return found

@@ -1,0 +1,119 @@
+"""How hard a moving part strikes somebody who stands in its way, and how slow it must be for a given force.
+
+The mass of the moving links alone predicts half of the force: stiff servos go on pushing until the contact is
+noticed. So a blow is that of one degree of freedom: the effective mass 1 / (n^T J M^-1 J^T n) behind the
+place, along the direction n of the blow (Khatib 1995), carried by the servos' stiffness and damping up to the
+force at which the first servo stalls, against a mass on a spring (Haddadin, Albu-Schaeffer, Hirzinger 2009).
+The servos' reference moves on at the speed of the blow until the reaction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tci.errors import CommandError
+from tci.messages.frames import Array
+from tci.robot.description import Robot
+from tci.robot.kernels.blow import peak
+
+BANDWIDTH = 100.0
+"""Natural frequency [rad/s] of a servo, critically damped. Nobody publishes it; those of good humanoids are
+between 60 and 150."""
+ROTOR = 0.5
+"""Inertia of a motor at its joint, as a fraction of the links' own. Nobody publishes it; with the gears of
+humanoids it is between 0 and 1."""
+REACTION = 0.05
+"""Time [s] from a contact until the reference stands: a skin frame, a late reading, three periods of 100 Hz,
+and the way to brake."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Struck:
+    """A region of a person's body, free to move."""
+
+    name: str
+    stiffness: float
+    """[N/m]."""
+    mass: float
+    """[kg]."""
+    force: float
+    """Force [N] of a blow that it may get."""
+
+
+PEOPLE = (
+    Struck(name="chest", stiffness=25e3, mass=40.0, force=280.0),
+    Struck(name="abdomen", stiffness=10e3, mass=40.0, force=220.0),
+    Struck(name="back", stiffness=35e3, mass=40.0, force=420.0),
+    Struck(name="upper arm", stiffness=30e3, mass=3.0, force=300.0),
+    Struck(name="lower arm", stiffness=40e3, mass=2.0, force=320.0),
+    Struck(name="hand", stiffness=75e3, mass=0.6, force=280.0),
+)
+"""Regions of adults: twice the quasi-static forces of ISO/TS 15066:2016, Annex A, as two public sources print
+them. Skull and face are left out: no force is permitted there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Striker:
+    """What is behind one place of a robot, along one direction."""
+
+    mass: float
+    """Effective mass [kg] of links and motors."""
+    stiffness: float
+    """[N/m] of the servos."""
+    damping: float
+    """[N s/m] of the servos."""
+    stall: float
+    """Force [N] at which the first servo has its most torque."""
+
+    def force_on(self, struck: Struck, speed: float, *, reaction: float = REACTION) -> float:
+        """Largest force [N] of a blow at `speed` [m/s], noticed `reaction` [s] after the first touch. Raises
+        CommandError for a speed or a time below 0."""
+        if not (0.0 <= speed < np.inf and 0.0 <= reaction < np.inf):
+            raise CommandError(f"a blow at {speed} m/s, noticed after {reaction} s; valid: 0 or more")
+        return float(
+            peak(
+                self.mass, self.stiffness, self.damping, self.stall, speed, struck.stiffness, struck.mass,
+                reaction,
+            )
+        )  # fmt: skip
+
+    def speed_for(self, struck: Struck, speed: float, *, margin: float = 1.0) -> float:
+        """Largest speed [m/s] up to `speed` at which `margin` times the force of the blow is at most that
+        which `struck` may get."""
+        if margin * self.force_on(struck, speed) <= struck.force:
+            return speed
+        low, high = 0.0, speed
+        for _ in range(7):  # to 1 %
+            middle = 0.5 * (low + high)
+            if margin * self.force_on(struck, middle) <= struck.force:
+                low = middle
+            else:
+                high = middle
+        return low
+
+
+def striker(robot: Robot, inertia: Array, moved: ArrayLike) -> Striker | None:
+    """What is behind a place that servo speeds move by `moved` (n_servos,) [m/rad] along the direction of the
+    blow. `inertia` (n_servos, n_servos) [kg m2] is that of the links. None if no servo moves the place."""
+    row = np.asarray(moved, dtype=float)
+    servos: NDArray[np.intp] = np.flatnonzero((np.abs(row) > 1e-6) & (np.diag(inertia) > 0.0))
+    if not servos.size:
+        return None
+    row, links = row[servos], inertia[np.ix_(servos, servos)]
+    own = np.diag(links)
+    rotors = ROTOR * own
+    mass = 1.0 / float(row @ np.linalg.solve(links + np.diag(rotors), row))
+    stiffness = BANDWIDTH**2 / float(row @ (row / (own + rotors)))
+    stall = float((_torques(robot, servos, own) / np.abs(row)).min())
+    return Striker(mass, stiffness, 2.0 * stiffness / BANDWIDTH, stall)
+
+
+def _torques(robot: Robot, servos: NDArray[np.intp], own: Array) -> Array:
+    """Most torque (k,) [N m]: that of the description, at least what the acceleration limit needs."""
+    limits = [robot.servos[int(servo)].limits for servo in servos]
+    needed = (1.0 + ROTOR) * own * np.array([one.acceleration or 20.0 for one in limits])
+    most: Array = np.maximum([one.torque or 0.0 for one in limits], needed)
+    return most

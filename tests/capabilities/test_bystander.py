@@ -30,7 +30,6 @@ def test_a_chest_in_the_way_of_a_talos_is_spared() -> None:
     hit = before.hit
     assert hit is not None
     assert before.peak > 2.0 * trial.region.limit
-    still = np.zeros(len(hit.position))
     inertia, _ = Dynamics(robot, JointCalibration(robot=robot.name)).at(
         hit.position, np.zeros(len(hit.position))
     )

@@ -91,7 +91,7 @@ def test_types_of_public_attributes_are_public() -> None:
     assert not {name: kinds for name, kinds in found.items() if kinds}
 
 
-MADE_BY_TCI = {"Reach", "JointMap", "DriverInfo", "RunResult"}
+MADE_BY_TCI = {"DataSet", "Reach", "JointMap", "DriverInfo", "RunResult"}
 """Records whose constructors TCI calls."""
 CALLED_BY_TCI = "probe"
 """A driver's method: TCI calls it with the robot that it has loaded."""
@@ -108,6 +108,7 @@ ROBOTS: dict[str, Callable[[Any, Path], Any]] = {
     "World": lambda robot, _: tci.World(robot).joints().position,
     "Recorder": lambda robot, path: tci.Recording(recorded(path, robot)).about["description"],
     "tables": lambda robot, path: sorted(BY_NAME["tables"](tci.Recording(recorded(path)), robot)),
+    "read_set": lambda robot, path: BY_NAME["read_set"]([recorded(path, periods=1)], robot=robot).robot.name,
     "recorded_robot": lambda robot, path: (
         BY_NAME["recorded_robot"](tci.Recording(recorded(path)), robot).name
     ),
@@ -139,10 +140,13 @@ ROBOTS: dict[str, Callable[[Any, Path], Any]] = {
 """A short use of each public call that takes a robot, by the last part of its name."""
 
 
-def recorded(path: Path, robot: RobotLike = NAO) -> str:
-    """Path of a recording without periods."""
+def recorded(path: Path, robot: RobotLike = NAO, *, periods: int = 0) -> str:
+    """Path of a recording with some periods."""
     path.unlink(missing_ok=True)
-    with tci.Recorder(path, robot):
+    with tci.Recorder(path, robot) as recorder, tci.connect(robot) as driver:
+        for _ in range(periods):
+            reading = driver.read()
+            recorder.tick(reading.joints.stamp, reading)
         return str(path)
 
 

@@ -82,7 +82,7 @@ class DataSet:
 
 
 def read_set(
-    files: Sequence[Path], *, task: str = "", fps: int = 30, robot: RobotLike | None = None
+    files: Sequence[Path | str], *, task: str = "", fps: int = 30, robot: RobotLike | None = None
 ) -> DataSet:
     """Reads what the recordings contain, without their values.
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tci.errors import CommandError, TciError, UnknownNameError
 from tci.messages.frames import Array, read_only, transform
@@ -300,7 +301,7 @@ class Hand:
     # ------------------------------------------------------------------ what it does from moment to moment
 
     @exclusive
-    def replan(self, rows: Array) -> None:
+    def replan(self, rows: ArrayLike) -> None:
         """What to do from the next step on: rows of a plan (`hand_control.BASE`). Then the hand goes away."""
         now = min(self._physics.steps - 1 - int(self._whole[at.START]), int(self._whole[at.COUNT]) - 1)
         self._hands.plans[self._number] = np.vstack([self._hands.plans[self._number][max(now, 0)], rows])
@@ -308,23 +309,23 @@ class Hand:
         self._whole[at.START] = self._physics.steps - 1
 
     @exclusive
-    def height(self, link: str, pad: str, point: Array, normal: Array) -> float:
+    def height(self, link: str, pad: str, point: ArrayLike, normal: ArrayLike) -> float:
         """Height [m] above a point of a link at which a pad first touches it; all in the link's frame."""
         self._physics.refresh()
         model, data, source = self._physics.model, self._scratch, self._physics.data
         data.geom_xpos[:], data.geom_xmat[:] = source.geom_xpos, source.geom_xmat
         body = model.body(link).id
         R, p, local = source.xmat[body].reshape(3, 3), source.xpos[body], np.empty(9)
-        normal = normal / np.linalg.norm(normal)
-        mujoco.mju_quat2Mat(local, self.turn(link, normal))
+        out = np.asarray(normal) / np.linalg.norm(normal)
+        mujoco.mju_quat2Mat(local, self.turn(link, out))
         near = [geom for geom in self._solid if model.geom_bodyid[geom] == body]
         geom = self._geoms[PADS.index(pad)]
-        return self._height(geom, near, p + R @ point, R @ normal, R @ local.reshape(3, 3))
+        return self._height(geom, near, p + R @ np.asarray(point), R @ out, R @ local.reshape(3, 3))
 
-    def turn(self, link: str, normal: Array) -> Array:
+    def turn(self, link: str, normal: ArrayLike) -> Array:
         """Orientation (4,) of a pad that touches against an outward normal, in the link's frame."""
         model = self._physics.model
-        return turn_of(normal / np.linalg.norm(normal), _long_axis(model, model.body(link).id))
+        return turn_of(np.asarray(normal) / np.linalg.norm(normal), _long_axis(model, model.body(link).id))
 
     # ------------------------------------------------------------------ how it begins
 

@@ -854,7 +854,7 @@ def test_skin_that_is_sent_only_when_it_changes_is_waited_for(
     driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(driver, "info", replace(driver.info, keep_alive=2.0))
-    _, silence, _ = usual_watchdogs(driver)
+    _, silence, *_ = usual_watchdogs(driver)
     joints, frame = driver.read().joints, SkinFrame(driver.robot.patches[0].name, 0.0, 0, np.zeros(4))
     assert silence(Moment(0.0, Reading(joints, (frame,)))) is None
     assert silence(Moment(5.9, Reading(joints, ()))) is None

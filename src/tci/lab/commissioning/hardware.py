@@ -7,6 +7,9 @@ motion, the check calls the robot's own stop function (`Driver.halt`).
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -67,6 +70,10 @@ class ServoCheck:
         driver = control.driver
         self._kinematics = KinematicChain(driver.robot) if driver.robot.model is not None else None
         self._small: set[str] = set()
+        # A way back relies on units and signs that are examined here, so a part that is held only stops.
+        stop: dict[str, Literal["stop"]] = {part.name: "stop" for part in driver.robot.parts}
+        if (contact := driver.gate.settings.contact) is not None:
+            driver.gate.set_contact(replace(contact, answers=stop))
         self.largest = 0.0
         """Largest measured motion [rad] of any servo in this check."""
 

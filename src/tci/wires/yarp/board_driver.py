@@ -128,6 +128,11 @@ class BoardDriver:
         """True while the board has not answered a request for a change of modes."""
         return bool(self._switching)
 
+    def number(self) -> int:
+        """Number of the latest state; 0 before the first one."""
+        latest = self.feed.latest if self.feed is not None else None
+        return latest.sequence if latest is not None else 0
+
     def modes(self, state: BoardState) -> list[tuple[Mode | None, bool]]:
         """Returns for each servo its control mode in `state`, and True if the servo is on. A servo that is
         off, for example idle or in fault, has the mode None."""

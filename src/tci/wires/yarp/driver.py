@@ -197,14 +197,19 @@ class YarpDriver(Driver):
             position[absent], velocity[absent], powered[absent] = self._home[absent], 0.0, False
         return JointReading(
             stamp=float(stamp),
-            # Boards count on their own: only a number of its own belongs to the stamp of the combination.
-            sequence=0 if self._joints is None else self._joints.sequence + 1,
+            sequence=self._number(),
             position=read_only(position),
             velocity=read_only(velocity),
             torque=None if np.isnan(torque).all() else read_only(torque),
             modes=tuple(modes),
             powered=read_only(powered, np.bool_),
         )
+
+    def _number(self) -> int:
+        """The number of a new combination. Boards count on their own, so it rises with every new stamp, and
+        with the busiest board, which tells how much was missed."""
+        sent = max((board.number() for board in self.boards.values()), default=0)
+        return sent if self._joints is None else max(self._joints.sequence + 1, sent)
 
     def _frames(self) -> list[SkinFrame]:
         frames = []

@@ -10,7 +10,7 @@ import numpy as np
 
 from tci.body.retreat import Retreat
 from tci.errors import DescriptionError
-from tci.messages.frames import Array, frozen
+from tci.messages.frames import Array
 from tci.robot.blow import Struck, striker
 from tci.robot.description import Robot
 from tci.robot.dynamics import Dynamics
@@ -28,8 +28,8 @@ class Pace(NamedTuple):
 
     share: float
     """Fraction of the fastest motion, above 0 and at most 1."""
-    speed: Array | None
-    """Largest speeds (n,) [rad/s] of its generic joints; None for the robot's own limits."""
+    speed: float | None
+    """Largest speed [rad/s] of any of its generic joints; None for the robot's own limits."""
     force: float
     """Force [N] that no blow exceeds; infinite if the robot's masses are unknown."""
 
@@ -79,7 +79,5 @@ class Paces:
         force = max((one.force_on(s, share * v) for one, v in blows for s in people), default=0.0)
         if share >= 1.0:
             return Pace(1.0, None, MARGIN * force)
-        size = np.abs(target - posture)
-        # a joint that does not take part in the motion may follow the others
-        speeds = np.maximum(size, 0.1 * size.max()) * most * share
-        return Pace(share, frozen(speeds), MARGIN * force)
+        speed = float(np.abs(target - posture).max()) * most * share
+        return Pace(share, speed, MARGIN * force)

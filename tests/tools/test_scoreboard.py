@@ -39,6 +39,12 @@ def test_a_short_run_is_never_called_met(tool: Any, tried: int, sound: bool | No
         assert row.size == "99 of 100 times"
 
 
+@pytest.mark.parametrize("file", sorted(path.stem for path in TOOLS.glob("[a-z]*.py")))
+def test_every_file_of_rows_loads(tool: Any, file: str) -> None:
+    """A name that the product has lost would stop every row."""
+    assert tool(file)
+
+
 def double(number: int) -> dict[str, int]:
     return {"twice": 2 * number}
 

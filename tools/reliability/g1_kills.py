@@ -23,7 +23,7 @@ from row import Row
 
 from tci.messages.frames import Array
 from tci.wires.unitree import messages
-from tci.wires.unitree.handover import GIVE, KP, TAKE, Q
+from tci.wires.unitree.handover import GIVE, TAKE
 from tci.wires.unitree.node import MOST, UnitreeNode, latest
 from tci.wires.unitree.wire import STATE, WEIGHT, decode_command, encode_state
 
@@ -133,10 +133,11 @@ class Trial:
             return f"its last weight is {weights[-1]:.3f}"
         if (fall > np.diff(times) / GIVE + STEP).any():
             return f"its weight falls by {fall.max():.3f} at once"
-        if np.diff(targets[1:, Q], axis=0)[goes_on].any() or faded[:, Q + 1 : KP].any():
+        angles, rates, gains = targets[1:, 0], faded[:, 1:3], faded[:, 3:]
+        if np.diff(angles, axis=0)[goes_on].any() or rates.any():
             return "its targets move during the fade"
-        if not (faded[:, KP:] > 0.0).all():
-            return f"its gains vanish: {faded[:, KP:].min():.2f}"
+        if not (gains > 0.0).all():
+            return f"its gains vanish: {gains.min():.2f}"
         return ""
 
 

@@ -186,3 +186,20 @@ def test_what_lies_before_and_after_a_damaged_chunk_is_read_and_what_is_lost_is_
         assert begin - 0.05 <= min(lost) <= max(lost) <= end + 0.05
         for now, reading in all_of_it:
             assert now not in found or equal_readings(found[now], reading)
+
+
+@pytest.mark.parametrize("start", [2**64 - 1, 2**63 - 1, 5])
+def test_58_an_end_that_names_a_place_outside_the_file_is_not_used(start: int, tmp_path: Path) -> None:
+    """The end is looked at only where a chunk is damaged: here the first one, so nothing is left to read."""
+    path = tmp_path / "a.mcap"
+    write(path, 20)
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    raw, chunk = bytearray(path.read_bytes()), summary.chunk_indexes[0]
+    raw[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 1
+    struct.pack_into("<Q", raw, len(raw) - 28, start)  # a footer has 20 bytes, and 8 follow
+    path.write_bytes(raw)
+    recording = Recording(path)
+    assert not list(recording.ticks())
+    assert len(recording.lost) == 1

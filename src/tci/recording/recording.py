@@ -291,8 +291,9 @@ class Recording:
 
     def _definitions(self) -> Iterator[Schema | Channel]:
         """Schemas and channels as the end of the file repeats them, since the first chunk has the only
-        others. None if the end is missing."""
-        with suppress(McapError, EndOfFile, struct.error, ValueError), _Bounded(io.FileIO(self.path)) as file:
+        others. None if the end is missing or damaged, where it may name any place in the file."""
+        damaged = (McapError, EndOfFile, struct.error, ValueError, OSError, OverflowError, RecordingError)
+        with suppress(*damaged), _Bounded(io.FileIO(self.path)) as file:
             summary = SeekingReader(
                 file, record_size_limit=min(LARGEST, self.path.stat().st_size)
             ).get_summary()

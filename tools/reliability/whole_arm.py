@@ -15,7 +15,7 @@ from tci.lab.experiments.arm_trials import arm_trials_of
 ROBOTS = ("nao", "icub", "g1", "talos", "alex")
 JOB = 50
 """Number of pokes in a job."""
-LEAST = 0.9
+LEAST = 0.95
 """Least fraction of each robot's pokes in which the skin must leave the finger within a second."""
 
 

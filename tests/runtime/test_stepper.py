@@ -370,12 +370,23 @@ def locked() -> None:
 
 
 def no_jumps(driver: Driver, ticks: list[Tick]) -> None:
-    """Asserts that the set-points keep the speed limits from each command to the next."""
+    """Asserts that the set-points of one motion keep the speed limits from each command to the next, and the
+    measured joints over all of it.
+
+    A hold of this process sends no set-point: it asks the robot's process, whose gate brakes, and the next
+    motion begins where that gate is. Only the measured joints tell whether the robot jumped there.
+    """
     fastest = np.array([servo.limits.velocity or np.inf for servo in driver.robot.servos])
     for before, after in pairwise(ticks):
-        if before.sent.servos.tolist() == after.sent.servos.tolist():
+        held = before.sent.state is not GateState.RUN
+        if not held and before.sent.servos.tolist() == after.sent.servos.tolist():
             way = np.abs(after.sent.position - before.sent.position)
             assert (way <= 1.001 * fastest[after.sent.servos] * driver.period + 1e-9).all()
+        joints = [tick.reading.joints for tick in (before, after)]
+        way = np.abs(joints[1].position - joints[0].position)
+        # stamps are known to a fraction of a period
+        longest = max(0.0, joints[1].stamp - joints[0].stamp) + 0.4 * driver.period
+        assert (way <= 1.02 * fastest * longest + 1e-9).all()
 
 
 def late_calls(driver: Driver, call: Callable[[], None]) -> tuple[list[Tick], list[int]]:

@@ -478,3 +478,5 @@ def test_the_judge_is_a_stranger() -> None:
         tree = ast.parse((HELPERS / f"{name}.py").read_text())
         imported = {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
         assert not [one for one in imported if one.startswith(("tci.gate", "tci.simulation"))]
+        inner = [node for node in ast.walk(tree) if isinstance(node, ast.Attribute) and node.attr[0] == "_"]
+        assert not [node.lineno for node in inner if ast.unparse(node.value).endswith("gate")]

@@ -6,6 +6,7 @@ The judge knows the true angles, speeds and energy, and the limits of the descri
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from helpers.rigid_robot import Dirt, RigidDriver, RigidRobot
+from tci.errors import CommandError
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.messages.frames import Array
 from tci.robot.clearance import Clearance
@@ -137,12 +139,13 @@ class FourModes:
         return self.plant._delay * 1.33 + 1.0 / self.plant._rate + self.plant._lateness + self.period
 
     def _restart(self) -> None:
+        """As an operator: waits until the robot rests, then resets the gate."""
         for _ in range(int(1.0 / self.period)):
             self.driver.gate.step((), self.driver.read().joints, self.plant.time)
             self.plant.advance(self.plant.time + self.period)
-            if self.driver.gate.state.name == "STOP" and not self.driver.gate._motion.moves:
+            with suppress(CommandError):
+                self.driver.gate.reset()
                 break
-        self.driver.gate.reset()
         self._silent = None
         self._over[:] = 0.0
 

@@ -17,6 +17,7 @@ from tci.errors import CommandError
 from tci.gate.bounds import Bounds, bounds_of
 from tci.gate.kernels.couplings import shift
 from tci.gate.trajectory import Guard, OnlineTrajectory
+from tci.gate.way_inside import start_of
 from tci.messages import PlatformCommand
 from tci.messages.frames import Array
 from tci.reasons import Code
@@ -117,7 +118,7 @@ def make_chain(
         raise CommandError("a servo without limits can't be moved", code=Code.LIMITS_UNKNOWN)
     ends = np.array([bounds.coupling_lower, bounds.coupling_upper])
     own = replace(bounds, coupling_lower=ends[0], coupling_upper=ends[1])
-    limiter = OnlineTrajectory(own, measured[union], period, guard=guard)
+    limiter = OnlineTrajectory(own, start_of(measured[union], bounds), period, guard=guard)
     chain = JointGroup(
         union, np.array(union), {servo: place for place, servo in enumerate(union)}, bounds.velocity.tolist(),
         limiter, bounds, outside, ends, bool(outside.any()),

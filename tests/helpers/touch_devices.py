@@ -25,6 +25,10 @@ class TouchDevice(ABC):
     """Number of values of each pad."""
     alone = False
     """True if it serves one client at a time."""
+    second = True
+    """False if a second client is refused at once."""
+    most = 4095
+    """Largest value of a taxel."""
 
     def __init__(self) -> None:
         self.values: dict[str, list[int]] = {pad: [0] * size for pad, size in self.pads.items()}
@@ -49,6 +53,10 @@ class TouchDevice(ABC):
     def serve(self) -> None:
         """Serves until `_in` is cleared."""
 
+    def may_be_sent(self, request: bytes) -> bool:
+        """Whether the device allows this, as far as its state is what matters: nothing may change it."""
+        return False
+
     def plug(self) -> None:
         self._in.set()
         thread = threading.Thread(target=self.serve, daemon=True)
@@ -65,7 +73,7 @@ class TouchDevice(ABC):
         """Gives each taxel of the device another value."""
         k = 0
         for pad, size in self.pads.items():
-            self.values[pad] = [(7 * (k + i)) % 4096 for i in range(size)]
+            self.values[pad] = [(7 * (k + i)) % (self.most + 1) for i in range(size)]
             k += size
 
     def late(self) -> None:
@@ -125,6 +133,12 @@ class InspireHand(TouchDevice):
             else:
                 link.sendall(struct.pack(">HHH", (number + 1) & 0xFFFF, 0, len(body)) + body)
 
+    def may_be_sent(self, request: bytes) -> bool:
+        if len(request) != 12:
+            return False
+        _, _, _, _, function, address, count = struct.unpack(">HHHBBHH", request)
+        return function == 3 and (address, count) in {*INSPIRE.values(), (1546, 6)}
+
     def _memory(self) -> bytes:
         memory = bytearray(6000)
         for pad, (address, size) in INSPIRE.items():
@@ -145,6 +159,8 @@ class Lines(TouchDevice):
 
 class UdpLines(Lines):
     """One datagram for each line."""
+
+    second = False  # its port is taken
 
     @property
     def via(self) -> str:

@@ -36,13 +36,11 @@ def hand(
     """
     from rich.live import Live
 
-    from tci.drivers.registry import load_source
+    from tci.drivers.registry import source_at
     from tci.drivers.source_reader import SourceReader
-    from tci.drivers.sourced import Address
     from tci.errors import DriverError
 
-    address = Address.of(via)
-    source = address.make(load_source(address.name))
+    source = source_at(via)
     if not source.pads:
         raise DriverError(f"{via} has no pads of its own; valid: beside a robot, --via 'sim + {via}'")
     reader = SourceReader(via, source, source.pads)

@@ -49,6 +49,21 @@ def load_source(name: str) -> type[Source]:
     return source
 
 
+def source_at(via: str) -> Source:
+    """The source at `NAME:ADDRESS,option=value`, which knows its pads, but is not open.
+
+    Raises the errors of `load_source`, and DriverError, with the address, for a device that must be asked for
+    its pads and does not answer.
+    """
+    address = Address.of(via)
+    source = address.make(load_source(address.name))
+    try:
+        source.find_pads()
+    except (OSError, TciError) as error:
+        raise DriverError(f"{via}: {error}") from error
+    return source
+
+
 def load_driver(name: str) -> type[Driver]:
     """Returns the class of the driver with the entry point `name`.
 
@@ -96,7 +111,7 @@ def connect(robot: RobotLike, via: str = "sim", *, arm: bool | None = None, **op
     sources = [one for one in others if one.partition(":")[0] in source_names()]
     others = [one for one in others if one not in sources]
     if sources:
-        made = [(via, (own := Address.of(via)).make(load_source(own.name))) for via in sources]
+        made = [(via, source_at(via)) for via in sources]
         if "paced" in inspect.signature(load_driver(first.partition(":")[0])).parameters:
             options.setdefault("paced", True)  # a real sensor does not wait for a simulation
         joined = JOIN.join((first, *others))

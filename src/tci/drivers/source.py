@@ -44,9 +44,9 @@ class Source(ABC):
     nothing.
     """
 
-    pads: ClassVar[Mapping[str, int]] = {}
+    pads: Mapping[str, int] = {}
     """Number of values of each pad, by the device's own names. Empty if the pads have the names of the
-    robot's patches."""
+    robot's patches, and before `find_pads` where devices differ."""
     joints: ClassVar[tuple[str, ...]] = ()
     """The device's own joints, if it measures them."""
     writes: ClassVar[str] = "nothing"
@@ -58,6 +58,9 @@ class Source(ABC):
 
     def __init__(self, address: str = "") -> None:
         self.address = address
+
+    def find_pads(self) -> None:  # noqa: B027 - most devices are alike
+        """Asks the device for its `pads`, if they differ between devices. Raises the errors of `open`."""
 
     @abstractmethod
     def open(self) -> None:

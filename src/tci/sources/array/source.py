@@ -10,7 +10,6 @@
 
 from __future__ import annotations
 
-import os
 import queue
 import re
 import socket
@@ -20,8 +19,8 @@ from numpy.typing import ArrayLike
 
 from tci.drivers.source import FingerAngles, Sample, Source, no_values
 from tci.errors import CommandError, DriverError, FrameError
+from tci.shared.serial_port import SerialPort
 from tci.sources.array.lines import LineBuffer, sample_of
-from tci.sources.array.serial_port import open_serial, read_serial
 
 WAIT = 0.2
 """Longest time [s] of one `read`."""
@@ -53,14 +52,14 @@ class ArraySource(Source):
         if not (self._place or self._device or address == "feed") or port >= PORTS:
             raise DriverError(f"array:{address}; valid: {VALID}")
         self._socket: socket.socket | None = None
-        self._serial: int | None = None
+        self._serial: SerialPort | None = None
         self._lines = LineBuffer()
         self._fed: queue.SimpleQueue[Sample] = queue.SimpleQueue()
 
     def open(self) -> None:
         self._lines = LineBuffer()
         if self._device:
-            self._serial = open_serial(self._device, self._baud)
+            self._serial = SerialPort(self._device, self._baud)
         elif self._place:
             kind, host, port = self._place[1], self._place[2].strip("[]"), int(self._place[3])
             if kind == "tcp":
@@ -92,7 +91,7 @@ class ArraySource(Source):
             self._socket.close()
             self._socket = None
         if self._serial is not None:
-            os.close(self._serial)
+            self._serial.close()
             self._serial = None
 
     def feed(self, pad: str, values: ArrayLike) -> None:
@@ -111,7 +110,7 @@ class ArraySource(Source):
 
     def _receive(self) -> bytes:
         if self._serial is not None:
-            return read_serial(self._serial, WAIT)
+            return self._serial.read(WAIT)
         assert self._socket is not None and self._place is not None
         try:
             data = self._socket.recv(65536)

@@ -11,9 +11,8 @@ from __future__ import annotations
 import socket
 import struct
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from itertools import count
-from typing import ClassVar
 
 import numpy as np
 
@@ -47,7 +46,7 @@ class InspireSource(Source):
     """The 17 pads of one hand, in the order of its registers; the palm comes column by column from its last
     row, as its patch says."""
 
-    pads: ClassVar = {pad: size for pad, (_, size) in REGISTERS.items()}
+    pads: Mapping[str, int] = {pad: size for pad, (_, size) in REGISTERS.items()}
     joints = JOINTS
     device = "inspire-rh56dftp"
     writes = "requests to read (function 3) the touch registers 3000 to 5123 and the angles at 1546"

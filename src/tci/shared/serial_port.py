@@ -1,0 +1,76 @@
+"""A serial port without a library."""
+
+from __future__ import annotations
+
+import os
+import select
+from contextlib import suppress
+
+from tci.errors import DriverError
+
+
+class SerialPort:
+    """A port, raw, 8N1, that no other program of this kind opens at the same time."""
+
+    def __init__(self, path: str, baud: int, *, writes: bool = False) -> None:
+        """Raises DriverError for a system without termios, an unknown speed, a port that this user may not
+        read or that another program has locked, and OSError for others.
+
+        Args:
+            path: The port, such as /dev/ttyACM0.
+            baud: Its speed [1/s].
+            writes: Whether anything will be sent; else the port is opened for reading only.
+        """
+        self._path = path
+        try:
+            import fcntl
+            import termios
+            import tty
+        except ModuleNotFoundError as error:
+            raise DriverError(f"{path}: serial ports need Linux or macOS; valid here: udp, tcp") from error
+        speed = getattr(termios, f"B{baud}", None)
+        if speed is None:
+            valid = "9600, 115200, 921600 ..."
+            raise DriverError(f"{path}: baud={baud} is no speed of this system; valid: {valid}")
+        flags = (os.O_RDWR if writes else os.O_RDONLY) | os.O_NOCTTY | os.O_NONBLOCK
+        try:
+            self._port = os.open(path, flags)
+        except PermissionError as error:
+            raise DriverError(
+                f"{path}: no permission; add yourself to the group dialout, then log in again"
+            ) from error
+        try:
+            fcntl.flock(self._port, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            tty.setraw(self._port)
+            settings = termios.tcgetattr(self._port)
+            settings[2] |= termios.CLOCAL | termios.CREAD
+            settings[4] = settings[5] = speed
+            termios.tcsetattr(self._port, termios.TCSANOW, settings)
+            termios.tcflush(self._port, termios.TCIFLUSH)
+        except BlockingIOError as error:
+            os.close(self._port)
+            raise DriverError(f"{path} is held by another program; close it") from error
+        except termios.error as error:
+            os.close(self._port)
+            raise DriverError(f"{path} is no serial port: {error}") from error
+
+    def read(self, wait: float) -> bytes:
+        """What arrived within `wait` [s]; empty if nothing did. Raises OSError if it was unplugged."""
+        if not select.select([self._port], [], [], wait)[0]:
+            return b""
+        try:
+            data = os.read(self._port, 65536)
+        except BlockingIOError:
+            return b""
+        if not data:
+            raise ConnectionResetError(f"{self._path} was unplugged")
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Raises OSError if the port does not take all of it."""
+        if os.write(self._port, data) != len(data):
+            raise ConnectionResetError(f"{self._path} takes no data")
+
+    def close(self) -> None:
+        with suppress(OSError):
+            os.close(self._port)

@@ -1,0 +1,1 @@
+"""AnySkin and ReSkin, magnetometers under a magnetic skin, over a serial port."""

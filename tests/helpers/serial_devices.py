@@ -1,0 +1,235 @@
+"""Stand-ins for tactile devices on serial ports, made from what their makers or users publish. They import
+nothing of TCI."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import struct
+import tempfile
+import time
+import tty
+from abc import abstractmethod
+from contextlib import suppress
+from pathlib import Path
+from typing import ClassVar
+
+from helpers.touch_devices import TouchDevice
+
+
+class SerialDevice(TouchDevice):
+    """A device on a pseudo-terminal, whose name stays when it is unplugged. It sends a frame every 20 ms
+    while it is `pushing`, and answers requests."""
+
+    source: ClassVar[str]
+    """Its name for TCI."""
+    options = ""
+    pushing = True
+    alone, second = True, False
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.path = Path(tempfile.mkdtemp()) / "tty"
+
+    @property
+    def via(self) -> str:
+        return f"{self.source}:{self.path}{self.options}"
+
+    @abstractmethod
+    def frame(self) -> bytes:
+        """What is pushed."""
+
+    def size_of_request(self, heard: bytes) -> int:
+        """Length of the request that `heard` begins with."""
+        return len(heard)
+
+    def answer(self, request: bytes) -> bytes:
+        return b""
+
+    def plug(self) -> None:
+        self._device, self._port = pty.openpty()
+        tty.setraw(self._port)
+        os.set_blocking(self._device, False)
+        self.path.symlink_to(os.ttyname(self._port))
+        self.pushing = type(self).pushing
+        super().plug()
+
+    def unplug(self) -> None:
+        super().unplug()
+        if self.path.is_symlink():
+            self.path.unlink()
+            os.close(self._device)
+            os.close(self._port)
+
+    def serve(self) -> None:
+        heard, due = b"", time.monotonic()
+        while self._in.is_set():
+            if select.select([self._device], [], [], max(0.0, due - time.monotonic()))[0]:
+                heard += os.read(self._device, 4096)
+            while heard and len(heard) >= (size := self.size_of_request(heard)):
+                request, heard = heard[:size], heard[size:]
+                self.received.append(request)
+                if answer := self.answer(request):
+                    self.send(answer)
+            if time.monotonic() >= due:
+                due = time.monotonic() + 0.02
+                if self.pushing:
+                    self.send(self.frame())
+
+    def send(self, data: bytes) -> None:
+        """Waits for whoever reads, as a slow line does."""
+        self.late()
+        if self.lose:
+            self.lose -= 1
+            return
+        while data and self._in.is_set():
+            if select.select([], [self._device], [], 0.05)[1]:
+                with suppress(BlockingIOError):
+                    data = data[os.write(self._device, data) :]
+
+
+class Flexitac(SerialDevice):
+    """AA 55, then 12 x 32 bytes (PyPI flexitac 0.3.1, template.ino)."""
+
+    source = "flexitac"
+    pads: ClassVar = {"pad": 384}
+    most = 255
+
+    def frame(self) -> bytes:
+        return b"\xaa\x55" + bytes(self.values["pad"][self.short :])
+
+
+class Anyskin(SerialDevice):
+    """Five times temperature and three fields as float32, then CR LF (PyPI anyskin 1.0.0). There is a CR LF
+    in each temperature of 26.005 degrees C."""
+
+    source = "anyskin"
+    pads: ClassVar = {"pad": 15}
+
+    def frame(self) -> bytes:
+        chips = [self.values["pad"][k : k + 3] for k in range(0, 15, 3)]
+        floats = b"".join(b"\r\n\xd0\x41" + struct.pack("<3f", *chip) for chip in chips)
+        return floats[4 * self.short :] + b"\r\n"
+
+
+class Robotiq(SerialDevice):
+    """Packets of fields once asked (Robotiq, tactile_sensors 8cb02198): pressure in every second one, and
+    inertial values in all. A length is one byte, so each finger has its own packet."""
+
+    source = "robotiq"
+    pads: ClassVar = {"finger_0": 28, "finger_1": 28}
+    pushing = False
+
+    def answer(self, request: bytes) -> bytes:
+        self.pushing |= request == bytes.fromhex("9a0058010a")
+        return b""
+
+    def may_be_sent(self, request: bytes) -> bool:
+        return request == bytes.fromhex("9a0058010a")
+
+    def frame(self) -> bytes:
+        found = b""
+        for finger, values in enumerate(self.values.values()):
+            pressure = bytes((0x10 | finger << 2,)) + struct.pack(">28H", *values)
+            inertia = bytes((0x30 | finger << 2,)) + struct.pack(">3h", 0x9A, -3, 0x9A00 - 65536)
+            moment = bytes((0x70 | finger << 2,)) + struct.pack(">Q", time.monotonic_ns() // 1000)
+            for fields in (inertia + pressure[: len(pressure) - 2 * self.short] + moment, inertia):
+                found += bytes((0x9A, 0, 0x58, len(fields))) + fields
+        return found
+
+
+def with_lrc(data: bytes) -> bytes:
+    return data + bytes((256 - sum(data) % 256 & 0xFF,))
+
+
+class Paxini(SerialDevice):
+    """The high-speed board with three sensors (PyPI paxini-sdk 0.1.0)."""
+
+    source = "paxini"
+    modules: ClassVar = {"thumb_tip": 2, "index_nail": 7, "palm_3": 22}
+    pads: ClassVar = {"thumb_tip": 31, "index_nail": 10, "palm_3": 12}
+    kinds = 3
+    pushing = False
+    most = 255
+
+    def forces(self, pad: str) -> list[tuple[int, int, int]]:
+        """Along x, y and z of each point, in 0.1 N."""
+        return [(k % 256 - 128, (5 * k) % 256 - 128, value) for k, value in enumerate(self.values[pad])]
+
+    def frame(self) -> bytes:
+        data = b"\x00"
+        for pad in self.pads:
+            if self.kinds & 1:
+                data += struct.pack("<6B", 1, 2, 3, 4, 5, 6)
+            if self.kinds & 2:
+                points = self.forces(pad)[self.short :]
+                data += b"".join(struct.pack("<bbB", *point) for point in points)
+        return with_lrc(b"\xaa\x56\x00" + struct.pack("<H", len(data)) + data)
+
+    def size_of_request(self, heard: bytes) -> int:
+        size = struct.unpack_from("<H", heard, 6)[0] if heard[3:4] == b"\x10" and len(heard) > 8 else 0
+        return 9 + int(size)
+
+    def answer(self, request: bytes) -> bytes:
+        register, size = struct.unpack_from("<HH", request, 4)
+        if request[3] == 0x03:
+            memory = bytearray(0x200)
+            struct.pack_into("<I", memory, 0x10, sum(1 << module for module in self.modules.values()))
+            memory[0x16] = self.kinds
+            for pad, module in self.modules.items():
+                struct.pack_into("<H", memory, 0x30 + 2 * module, self.pads[pad])
+            return with_lrc(b"\xaa\x55" + request[2:8] + bytes(memory[register : register + size]))
+        if register == 0x16:
+            self.kinds = request[8]
+        elif register == 0x17:
+            self.pushing = request[8] == 1
+        return with_lrc(b"\xaa\x55" + request[2:6] + b"\x01\x00\x00")
+
+    def may_be_sent(self, request: bytes) -> bool:
+        register, size = struct.unpack_from("<HH", request, 4)
+        reads = {(0x10, 4), (0x16, 1), (0x30, 56)}
+        writes = {(0x16, b"\x03"), (0x17, b"\x00"), (0x17, b"\x01")}
+        asked = (register, size) in reads and request[3] == 3
+        told = (register, request[8:-1]) in writes and request[3] == 16
+        return request[:3] == b"\x55\xaa\x00" and sum(request) % 256 == 0 and (asked or told)
+
+
+class Orca(Paxini):
+    """The hand of ORCA, whose tips are the third modules; it pushes no points at first, and the angles of its
+    joints in between (PyPI orca-core 0.12.0)."""
+
+    source = "orca"
+    modules: ClassVar = {"thumb_tip": 2, "index_tip": 6, "middle_tip": 10, "ring_tip": 14, "little_tip": 18}
+    pads: ClassVar = {"thumb_tip": 51, "index_tip": 87, "middle_tip": 87, "ring_tip": 87, "little_tip": 51}
+    kinds = 0
+
+    def frame(self) -> bytes:
+        counts = [1000 + 100 * k for k in range(17)]
+        words = [count | (count.bit_count() % 2) << 15 for count in counts]
+        words[3] |= 1 << 14  # an encoder's error, which also breaks the parity
+        angles = struct.pack("<H", 35) + b"\x00" + struct.pack("<17H", *words)
+        return with_lrc(b"\xaa\xa9\x00" + angles) + super().frame()
+
+
+class PaxiniSensor(Paxini):
+    """The serial converter board with one sensor: it answers only, with the status "wrong length"."""
+
+    source = "paxini-sensor"
+    options = ",part=S1813-Elite"
+    pads: ClassVar = {"pad": 31}
+
+    def size_of_request(self, heard: bytes) -> int:
+        return 14
+
+    def answer(self, request: bytes) -> bytes:
+        data = b"".join(struct.pack("<bbB", *point) for point in self.forces("pad")[self.short :])
+        size = struct.pack("<H", len(data))
+        head = b"\xaa\x55" + struct.pack("<H", len(data) + 10) + request[4:11] + size + b"\x01"
+        return with_lrc(head + data)
+
+    def may_be_sent(self, request: bytes) -> bool:
+        return request == with_lrc(bytes.fromhex("55aa09000100fb0e0400005d00"))
+
+
+SERIAL_DEVICES: list[type[SerialDevice]] = [Flexitac, Anyskin, Robotiq, Paxini, Orca, PaxiniSensor]

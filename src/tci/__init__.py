@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from tci.capabilities.contact_stop import ContactStop as ContactStop
     from tci.capabilities.light_grasp import LightGrasp as LightGrasp
     from tci.capabilities.play_gesture import PlayGesture as PlayGesture
+    from tci.capabilities.policy.capability import PolicyCapability as PolicyCapability
     from tci.capabilities.soft_reaction import SoftReaction as SoftReaction
     from tci.capabilities.withdrawal import WithdrawalReflex as WithdrawalReflex
     from tci.capabilities.wrapper import CapabilityWrapper as CapabilityWrapper

@@ -18,6 +18,7 @@ from py_trees.composites import Selector
 import tci
 from helpers.turning import Turn
 from tci.capabilities.behaviour_tree import BehaviourTree, Reflex, Task
+from tci.capabilities.policy import PolicySpec
 from tci.gestures.gesture import Gesture, fit
 from tci.messages import Mode, Order, Perception
 from tci.runtime.arguments import load_capability
@@ -39,12 +40,17 @@ def gesture() -> tci.PlayGesture:
     )
 
 
+def away(seen: np.ndarray) -> np.ndarray:
+    return np.tile([0.0, 0.1, 0.0, 0.2, 0.0], (2, 1)) * np.abs(seen).max()
+
+
 MADE: dict[str, Callable[[], tci.Capability[Any]]] = {
     **REGISTERED,
     "by velocity": lambda: tci.WithdrawalReflex(mode=Mode.VELOCITY),
     "lying": lambda: tci.BodyWithdrawal(stance="supported", refractory=0.05),
     "soft in torque mode": lambda: tci.SoftReaction(mode=Mode.TORQUE),
     "gesture": gesture,
+    "policy": lambda: tci.PolicyCapability(away, PolicySpec(history=3, chunk=2, rate=25.0, latency=0.04)),
     "nothing changed": lambda: tci.CapabilityWrapper(tci.WithdrawalReflex()),
     "contact stop": lambda: tci.ContactStop(tci.WithdrawalReflex(), quiet=0.05),
     "reflex above a gesture": lambda: tci.Arbiter([tci.WithdrawalReflex(refractory=0.05), gesture()]),

@@ -23,6 +23,7 @@ EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["option
 HIDDEN = (
     "qi", "cyclonedds", "rosbags", "roslibpy", "pyarrow", "viser", "av", "py_trees", "lcm", "zenoh",
     "gymnasium", "trimesh", "collada", "rclpy", "rospy", "yarp", "icub-models", "example-robot-data",
+    "onnxruntime",
 )  # fmt: skip
 """Modules, and distributions that contain robot models, which are hidden in these tests."""
 ELSEWHERE = {
@@ -61,6 +62,7 @@ ALONE = {
     "log import bag a.mcap nao": "ros2",
     "new-robot arm.urdf": "robots",
     "run tci.capabilities.behaviour_tree:BehaviourTree nao": "behaviours",
+    "run policy.onnx nao": "onnx",
     "run tci.learn.withdrawal_env:WithdrawalEnv nao": "gym",
 }
 CASES = {
@@ -96,6 +98,7 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[object, st
     (folder / "bag" / "metadata.yaml").touch()
     (folder / "arm.urdf").write_text(URDF)
     (folder / "a.dae").touch()
+    (folder / "policy.onnx").touch()
     words = [RECORD, SERVE, DOCTOR, *CASES]
     done = subprocess.run(
         [sys.executable, str(HELPERS / "bare_install.py"), ",".join(HIDDEN)],

@@ -14,6 +14,7 @@ def public_names() -> dict[str, list[str]]:
     names = [
         "tci",
         "tci.capabilities.behaviour_tree",
+        "tci.capabilities.policy",
         *(f"tci.{one.name}" for one in iter_modules(tci.__path__)),
     ]
     found = {name: getattr(import_module(name), "__all__", []) for name in names}

@@ -24,7 +24,7 @@ def run(
     capability: Annotated[
         str,
         typer.Argument(
-            help="Capability: a name such as withdrawal, or MODULE:CLASS.",
+            help="Capability: a name such as withdrawal, MODULE:CLASS, or a policy (.onnx).",
             autocompletion=completion.capabilities,
         ),
     ],
@@ -95,7 +95,7 @@ def run_capability(
     every command.
 
     Args:
-        name: Name of the capability, or MODULE:CLASS.
+        name: Name of the capability, MODULE:CLASS, or the path of a policy (.onnx).
         robot: Name of the robot, or path of a description file.
         via: Driver, NAME or NAME:ADDRESS.
         duration: Duration [s] of the run; None runs until Ctrl-C.

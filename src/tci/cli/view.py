@@ -51,7 +51,7 @@ def view(
         str,
         typer.Option(
             "--run",
-            help="Capability to run on every robot: a name or MODULE:CLASS.",
+            help="Capability to run on every robot: a name, MODULE:CLASS, or a policy (.onnx).",
             autocompletion=completion.capabilities,
         ),
     ] = "withdrawal",

@@ -17,12 +17,15 @@ from typing import Any
 
 from tci.capabilities.capability import Capability, lacks
 from tci.capabilities.orders import named
+from tci.capabilities.policy.capability import PolicyCapability
 from tci.drivers.driver import Driver
 from tci.errors import CommandError, TciError, UnknownNameError
 from tci.robot.description import Robot
 
 GROUP = "tci.capabilities"
 """Group of the entry points of capabilities."""
+POLICY = ".onnx"
+"""Ending of the file of a policy."""
 
 
 def as_driver(given: object, call: str = "run") -> Driver:
@@ -63,8 +66,8 @@ def as_capability(given: Any) -> Capability[Any]:
 
 
 def load_capability(name: str) -> Capability[Any]:
-    """Returns a capability. `name` is the name of an entry point or MODULE:NAME, of a class with default
-    settings for everything, or of an instance with settings of its own.
+    """Returns a capability. `name` is the name of an entry point, the path of a policy (.onnx), or
+    MODULE:NAME, of a class with default settings for everything, or of an instance with settings of its own.
 
     The module may be in the working directory. Raises UnknownNameError for an unknown name. Raises
     CommandError if the module can't be imported, or if the object with this name is no subclass of
@@ -73,10 +76,13 @@ def load_capability(name: str) -> Capability[Any]:
     points = {point.name: point for point in entry_points(group=GROUP)}
     if name in points:
         found = points[name].load()
+    elif name.endswith(POLICY):
+        return PolicyCapability(name)
     elif ":" in name:
         found = _from_module(*name.split(":", 1))
     else:
-        raise UnknownNameError("capability", name, [*sorted(points), *_in_folder(name), "or MODULE:CLASS"])
+        others = [*_in_folder(name), "MODULE:CLASS", f"or a policy ({POLICY})"]
+        raise UnknownNameError("capability", name, [*sorted(points), *others])
     if not (isinstance(found, Capability) or (isinstance(found, type) and issubclass(found, Capability))):
         raise CommandError(
             f"{name} is {named(found)}, no capability; valid: a subclass of tci.Capability, or an instance"

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from tci.errors import TciError as TciError
     from tci.errors import UnknownNameError as UnknownNameError
     from tci.errors import WireError as WireError
+    from tci.lab.pictures.film import film as film
     from tci.messages import CartesianCommand as CartesianCommand
     from tci.messages import Contact as Contact
     from tci.messages import Contacts as Contacts

@@ -9,6 +9,7 @@ import numpy as np
 from typer.testing import CliRunner
 
 from helpers.command_line import tci
+from tci import film as film_recording
 from tci.cli.main import app
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.recording.recorder import Recorder
@@ -52,6 +53,9 @@ def test_record_look_cut_export_and_replay(tmp_path: Path) -> None:
     film = tmp_path / "touch.gif"
     filmed = json.loads(tci("film", path, str(film), "--from", "0.3", "--to", "0.35", "--json"))
     assert (filmed["pictures"], filmed["part"]) == (3, "left_arm")
+    again = tmp_path / "again.gif"
+    assert film_recording(path, again, begin=0.3, end=0.35).part == "left_arm"
+    assert again.read_bytes() == film.read_bytes()
     assert "valid: within 0.000 to 0.598 s" in tci("film", path, f"{film}.gif", "--from", "7", status=1)
     matrices = tmp_path / "touch.npz"  # the suffix of the file name selects the format
     tci("log", "export", path, str(matrices))

@@ -32,6 +32,9 @@ def test_what_can_not_be_done_is_told() -> None:
     assert "back of left hand" in words
     refused = tci("run", "withdrawal", "nao", "--via", "replay:x.mcap", "--touch", STROKE, status=1)
     assert "need a simulated robot" in refused.replace("\n", " ")
+    beside = ("run", "withdrawal", "nao", "--touch", "press 'left upper arm inside' 3N 0.3s")
+    last = tci(*beside, "--duration", "0.5", status=1).replace("\n", " ")[-120:]
+    assert last.rstrip().endswith("inside Torso"), last
 
 
 def test_kinds_and_places_are_listed() -> None:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from tci.cli.console import console, written
+from tci.cli.console import written
 from tci.cli.options import AsJson, Begin, End, RecordedRobot, RecordingFile
 
 
@@ -28,35 +28,11 @@ def film(
     """Film a recording in slow motion (3x).
 
     The film shows the posture of the robot and the pressure on its skin. What touched it is not in a
-    recording, so it is not drawn.
+    recording, so it is not drawn. The film has 50 pictures for a second of the recording; each takes 1 to 3 s.
 
     Example:  tci film touch.mcap touch.gif --from 0.2 --to 0.9
     """
-    from tci.capabilities.fields import default_fields
-    from tci.errors import RecordingError
-    from tci.lab.pictures.film import EVERY, Film
-    from tci.recording.perceived import perceive, recorded_robot
-    from tci.recording.recording import Recording
-    from tci.simulation.world import World
+    from tci.lab.pictures.film import film as film_recording
 
-    recording = Recording(file)
-    found = recorded_robot(recording, robot)
-    if found is None:
-        raise RecordingError(f"{file} does not name its robot; valid: tci film {file} OUT ROBOT")
-    periods = [one for one in perceive(recording, found) if begin <= one.now <= end]
-    if not periods:
-        first, last = recording.span()
-        raise RecordingError(
-            f"{file} has nothing from {begin} to {end} s; valid: within {first:.3f} to {last:.3f} s"
-        )
-    touched = (contact.part for one in periods for contact in one.perception.contacts)
-    shown = found.part(part or next(touched, found.parts[0].name)).name
-    world = World(found)
-    made = Film(world, out, fields=default_fields(), part=shown)
-    if not as_json:
-        count = round((periods[-1].now - periods[0].now) / EVERY)
-        console.print(f"{count} pictures of {shown}, each in 1 to 3 s of drawing", style="dim")
-    for one in periods:
-        world.show(one.reading.joints.position)
-        made.see(one)
-    written(out, {"pictures": made.save()}, {"part": shown}, as_json=as_json)
+    made = film_recording(file, out, robot=robot, part=part, begin=begin, end=end)
+    written(out, {"pictures": made.pictures}, {"part": made.part}, as_json=as_json)

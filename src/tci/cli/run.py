@@ -51,7 +51,7 @@ def run(
 ) -> None:
     """Run a capability on a robot. Prints touches, commands, holds, refusals and clamps immediately. A real
     robot moves only with --arm. Without --arm, TCI only reads the robot's data. The exit status is 1 if the
-    gate stopped the robot, or if the gate refused every command. While it runs, type reset or free.
+    gate stopped the robot, if it refused every command, or if a hand did not touch. While it runs, type reset or free.
 
     Example:  tci run withdrawal nao --duration 1 --poke --fault stall@0.32
 
@@ -92,7 +92,7 @@ def run_capability(
     rehearsal: bool = False,
 ) -> None:
     """Runs a capability and prints the events. Exits with status 1 if the gate stopped the robot or refused
-    every command.
+    every command, or if a hand found no room for a touch.
 
     Args:
         name: Name of the capability, MODULE:CLASS, or the path of a policy (.onnx).
@@ -182,8 +182,6 @@ def run_capability(
     if as_json:
         print_json(session.to_json() | ({} if asked is None else asked.to_json(driver)))
     else:
-        for words in () if asked is None else asked.missed(driver):
-            console.print(f"a hand did not touch at {words}", style="yellow", highlight=False, markup=False)
         conclude(session, filmed=filmed is not None)
         result = session.result
         if result is not None and result.touched and not (missing or result.accepted or result.refusals):
@@ -195,7 +193,10 @@ def run_capability(
             )
     if isinstance(session.error, SystemExit | KeyboardInterrupt):
         raise SystemExit(session.error.code if isinstance(session.error, SystemExit) else 130)
-    if session.failed:
+    missed = () if asked is None else asked.missed(driver)
+    for words in () if as_json else missed:
+        console.print(f"a hand did not touch at {words}", style="yellow", highlight=False, markup=False)
+    if session.failed or missed:
         raise SystemExit(1)
 
 

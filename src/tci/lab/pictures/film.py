@@ -1,4 +1,4 @@
-"""Makes an animated picture of a simulated run, without a screen."""
+"""Makes an animated picture of a simulated run or of a recording, without a screen."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from tci.capabilities.fields import ReceptiveField
-from tci.errors import CommandError, UnknownNameError
+from tci.capabilities.fields import ReceptiveField, default_fields
+from tci.errors import CommandError, RecordingError, UnknownNameError
 from tci.lab.pictures.camera import Camera, fit
 from tci.lab.pictures.paint import FULL_SCALE, field_looks
 from tci.lab.pictures.portrait import Portrait, keep_moment, lowest_shown
 from tci.lab.pictures.video import needs_video, save_video
-from tci.recording.perceived import Perceived
+from tci.recording.perceived import Perceived, perceive, recorded_robot
+from tci.recording.recording import Recording
+from tci.robot.like import RobotLike
 from tci.runtime.loop import Tick
 from tci.simulation.world import World
 
@@ -55,13 +57,16 @@ class Film:
             raise CommandError(f"{path} exists and is not replaced; valid: a new file name")
         if not path.parent.is_dir():
             raise CommandError(f"{path.parent} is no folder; valid: a folder that exists")
-        self.path = path
+        self.path, self.part = path, part
         self._world = world
-        self._part = part
         self._portrait = Portrait(world, field_looks(fields), full_scale=FULL_SCALE)
         self._camera: Camera | None = None
         self._due = -np.inf
         self._pictures: list[Image.Image] = []
+
+    @property
+    def pictures(self) -> int:
+        return len(self._pictures)
 
     def see(self, tick: Tick | Perceived) -> None:
         """Adds a picture to the film if EVERY [s] have passed since the last picture. A recorded period must
@@ -71,8 +76,8 @@ class Film:
         self._due = tick.now + EVERY - 1e-9
         moment = keep_moment(self._world, tick.reading)
         if self._camera is None:
-            lowest = lowest_shown(self._world.robot, self._part, 0.7)
-            points = self._portrait.outline(moment, part=self._part, lowest=lowest)
+            lowest = lowest_shown(self._world.robot, self.part, 0.7)
+            points = self._portrait.outline(moment, part=self.part, lowest=lowest)
             self._camera = fit(
                 points, azimuth=AZIMUTH, elevation=ELEVATION, width=WIDTH, height=HEIGHT, margin=0.08,
                 frame=self._portrait.torso(moment),
@@ -107,3 +112,49 @@ class Film:
             ]
         pictures[0].save(self.path, save_all=True, append_images=pictures[1:], duration=times, loop=0)
         return len(pictures)
+
+
+def film(
+    recording: Recording | Path | str,
+    out: Path | str,
+    *,
+    robot: RobotLike | None = None,
+    part: str | None = None,
+    begin: float = -np.inf,
+    end: float = np.inf,
+) -> Film:
+    """Films a recording at a third of its speed: the robot's posture, and the pressure on its skin.
+
+    What touched the robot is not in a recording, so it is not drawn; `tci run --film` films a running
+    simulation with the hand or the finger. A picture takes one to three seconds.
+
+    Args:
+        recording: recording, or its file.
+        out: new file, .gif, .webp, .png or .mp4 (needs the extra `video`).
+        robot: the robot, if the recording was made with a description file.
+        part: generic part to show; by default the one that was touched first.
+        begin: from this time of the recording on [s].
+        end: up to this time [s].
+
+    Raises RecordingError for a recording without a robot's name or without periods in this time, and the
+    errors of `Film` and `Recording`.
+    """
+    recording = recording if isinstance(recording, Recording) else Recording(recording)
+    found = recorded_robot(recording, robot)
+    if found is None:
+        raise RecordingError(f"{recording.path} does not name its robot; valid: with the robot's name")
+    periods = [one for one in perceive(recording, found) if begin <= one.now <= end]
+    if not periods:
+        first, last = recording.span()
+        raise RecordingError(
+            f"{recording.path} has nothing from {begin} to {end} s; valid: within {first:.3f} to {last:.3f} s"
+        )
+    touched = (contact.part for one in periods for contact in one.perception.contacts)
+    shown = found.part(part or next(touched, found.parts[0].name)).name
+    world = World(found)
+    made = Film(world, Path(out), fields=default_fields(), part=shown)
+    for one in periods:
+        world.show(one.reading.joints.position)
+        made.see(one)
+    made.save()
+    return made

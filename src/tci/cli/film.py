@@ -28,11 +28,12 @@ def film(
     """Film a recording in slow motion (3x).
 
     The film shows the posture of the robot and the pressure on its skin. What touched it is not in a
-    recording, so it is not drawn. The film has 50 pictures for a second of the recording; each takes 1 to 3 s.
+    recording, so it is not drawn. The film has 50 pictures for a second of the recording, and each takes 1 to
+    3 s.
 
     Example:  tci film touch.mcap touch.gif --from 0.2 --to 0.9
     """
     from tci.lab.pictures.film import film as film_recording
 
-    made = film_recording(file, out, robot=robot, part=part, begin=begin, end=end)
-    written(out, {"pictures": made.pictures}, {"part": made.part}, as_json=as_json)
+    pictures = film_recording(file, out, robot=robot, part=part, begin=begin, end=end)
+    written(out, {"pictures": pictures}, as_json=as_json)

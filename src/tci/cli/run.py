@@ -51,7 +51,8 @@ def run(
 ) -> None:
     """Run a capability on a robot. Prints touches, commands, holds, refusals and clamps immediately. A real
     robot moves only with --arm. Without --arm, TCI only reads the robot's data. The exit status is 1 if the
-    gate stopped the robot, if it refused every command, or if a hand did not touch. While it runs, type reset or free.
+    gate stopped the robot, if it refused every command, or if a hand did not touch. While it runs, type reset
+    or free.
 
     Example:  tci run withdrawal nao --duration 1 --poke --fault stall@0.32
 

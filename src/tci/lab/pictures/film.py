@@ -57,16 +57,12 @@ class Film:
             raise CommandError(f"{path} exists and is not replaced; valid: a new file name")
         if not path.parent.is_dir():
             raise CommandError(f"{path.parent} is no folder; valid: a folder that exists")
-        self.path, self.part = path, part
+        self.path, self._part = path, part
         self._world = world
         self._portrait = Portrait(world, field_looks(fields), full_scale=FULL_SCALE)
         self._camera: Camera | None = None
         self._due = -np.inf
         self._pictures: list[Image.Image] = []
-
-    @property
-    def pictures(self) -> int:
-        return len(self._pictures)
 
     def see(self, tick: Tick | Perceived) -> None:
         """Adds a picture to the film if EVERY [s] have passed since the last picture. A recorded period must
@@ -76,8 +72,8 @@ class Film:
         self._due = tick.now + EVERY - 1e-9
         moment = keep_moment(self._world, tick.reading)
         if self._camera is None:
-            lowest = lowest_shown(self._world.robot, self.part, 0.7)
-            points = self._portrait.outline(moment, part=self.part, lowest=lowest)
+            lowest = lowest_shown(self._world.robot, self._part, 0.7)
+            points = self._portrait.outline(moment, part=self._part, lowest=lowest)
             self._camera = fit(
                 points, azimuth=AZIMUTH, elevation=ELEVATION, width=WIDTH, height=HEIGHT, margin=0.08,
                 frame=self._portrait.torso(moment),
@@ -122,8 +118,9 @@ def film(
     part: str | None = None,
     begin: float = -np.inf,
     end: float = np.inf,
-) -> Film:
-    """Films a recording at a third of its speed: the robot's posture, and the pressure on its skin.
+) -> int:
+    """Films a recording at a third of its speed: the robot's posture, and the pressure on its skin. Returns
+    the number of pictures.
 
     What touched the robot is not in a recording, so it is not drawn; `tci run --film` films a running
     simulation with the hand or the finger. A picture takes one to three seconds.
@@ -156,5 +153,4 @@ def film(
     for one in periods:
         world.show(one.reading.joints.position)
         made.see(one)
-    made.save()
-    return made
+    return made.save()

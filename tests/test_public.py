@@ -112,6 +112,9 @@ ROBOTS: dict[str, Callable[[Any, Path], Any]] = {
     "recorded_robot": lambda robot, path: (
         BY_NAME["recorded_robot"](tci.Recording(recorded(path)), robot).name
     ),
+    "film": lambda robot, path: tci.film(
+        recorded(path, robot, periods=1), path.with_suffix(f".{len([*path.parent.iterdir()])}.png"), robot=robot
+    ),
     "Gate": lambda robot, _: BY_NAME["Gate"](robot, period=0.002, stale_after=0.1).robot.name,
     "fit": lambda robot, _: BY_NAME["fit"](
         robot, BY_NAME["Gesture"]([0.0, 1.0], {"head": [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import time
 from collections.abc import Callable, Iterator
 from functools import cached_property
 from pathlib import Path
@@ -113,7 +114,7 @@ ROBOTS: dict[str, Callable[[Any, Path], Any]] = {
         BY_NAME["recorded_robot"](tci.Recording(recorded(path)), robot).name
     ),
     "film": lambda robot, path: tci.film(
-        recorded(path, robot, periods=1), path.with_suffix(f".{len([*path.parent.iterdir()])}.png"), robot=robot
+        recorded(path, robot, periods=1), path.with_name(f"{time.monotonic_ns()}.png"), robot=robot
     ),
     "Gate": lambda robot, _: BY_NAME["Gate"](robot, period=0.002, stale_after=0.1).robot.name,
     "fit": lambda robot, _: BY_NAME["fit"](

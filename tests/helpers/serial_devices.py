@@ -232,4 +232,118 @@ class PaxiniSensor(Paxini):
         return request == with_lrc(bytes.fromhex("55aa09000100fb0e0400005d00"))
 
 
-SERIAL_DEVICES: list[type[SerialDevice]] = [Flexitac, Anyskin, Robotiq, Paxini, Orca, PaxiniSensor]
+def with_crc(data: bytes) -> bytes:
+    """As Modbus RTU has it."""
+    rest = 0xFFFF
+    for byte in data:
+        rest ^= byte
+        for _ in range(8):
+            rest = (rest >> 1) ^ (0xA001 * (rest & 1))
+    return data + struct.pack("<H", rest)
+
+
+class Brainco(SerialDevice):
+    """The right Revo2 hand with one of four kinds of sensor (PyPI bc-stark-sdk 2.0.8)."""
+
+    source = "brainco"
+    kind: ClassVar[int]
+    touch: ClassVar[set[tuple[int, int]]]
+    """First and number of the registers that hold touch."""
+    slave = 0x7F
+    pushing = False
+
+    @abstractmethod
+    def memory(self) -> dict[int, list[int]]:
+        """Input registers, by the first of each block."""
+
+    def frame(self) -> bytes:
+        return b""
+
+    def size_of_request(self, heard: bytes) -> int:
+        return 8
+
+    def answer(self, request: bytes) -> bytes:
+        slave, function, register, size = struct.unpack_from(">BBHH", request)
+        if slave != self.slave or with_crc(request[:-2]) != request:
+            return b""
+        words = [self.kind] if (function, register) == (3, 970) else self.memory().get(register)
+        if words is None or len(words) != size:
+            return with_crc(bytes((slave, function | 0x80, 2)))
+        words = words[self.short :] if function == 4 else words
+        return with_crc(bytes((slave, function, 2 * len(words))) + struct.pack(f">{len(words)}H", *words))
+
+    def may_be_sent(self, request: bytes) -> bool:
+        slave, function, *asked = struct.unpack_from(">BBHH", request)
+        known = (function == 3 and asked == [970, 1]) or (function == 4 and tuple(asked) in self.touch)
+        return with_crc(request[:-2]) == request and slave in (0x7E, 0x7F) and known
+
+
+class BraincoPressure(Brainco):
+    """Nine points on each finger, and the palm's."""
+
+    kind = 2
+    touch: ClassVar = {(6010, 91)}
+    pads: ClassVar = {
+        **{f"right_{one}": 9 for one in ("thumb", "index", "middle", "ring", "little")},
+        "right_palm": 46,
+    }
+
+    def memory(self) -> dict[int, list[int]]:
+        return {6010: [one for values in self.values.values() for one in values]}
+
+
+class BraincoCapacitive(Brainco):
+    """One normal force and proximity on each finger; the left hand."""
+
+    kind, slave = 1, 0x7E
+    touch: ClassVar = {(4200, 30)}
+    pads: ClassVar = {
+        f"left_{one}{kind}": 1
+        for kind in ("", "_proximity")
+        for one in ("thumb", "index", "middle", "ring", "little")
+    }
+
+    def memory(self) -> dict[int, list[int]]:
+        normal, near = [one for (one,) in self.values.values()], []
+        for value in normal[5:]:
+            near += [value + 1, value]
+        return {4200: [word for one in normal[:5] for word in (one, 11, 12)] + near + 5 * [0]}
+
+
+class BraincoForces(Brainco):
+    """Three forces at 31 points of each finger but the thumb: two registers each."""
+
+    kind = 4
+    touch: ClassVar = {(7200 + 100 * k, 62) for k in range(4)}
+    pads: ClassVar = {f"right_{one}": 31 for one in ("index", "middle", "ring", "little")}
+
+    def memory(self) -> dict[int, list[int]]:
+        return {
+            7200 + 100 * k: [word for j, one in enumerate(values) for word in (0xF600 + j, one)]
+            for k, values in enumerate(self.values.values())
+        }
+
+
+class BraincoArray(Brainco):
+    """Three forces and two moments on each finger."""
+
+    kind = 3
+    touch: ClassVar = {(8100, 25)}
+    pads: ClassVar = {f"right_{one}": 1 for one in ("thumb", "index", "middle", "ring", "little")}
+
+    def memory(self) -> dict[int, list[int]]:
+        return {
+            8020: [1, 1],
+            8100: [word for (one,) in self.values.values() for word in (0xFFFB, 6, one, 7, 8)],
+        }
+
+
+SERIAL_DEVICES: list[type[SerialDevice]] = [
+    Flexitac,
+    Anyskin,
+    Robotiq,
+    Paxini,
+    Orca,
+    PaxiniSensor,
+    BraincoPressure,
+]

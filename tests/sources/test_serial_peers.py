@@ -11,7 +11,19 @@ import numpy as np
 import pytest
 
 from helpers.peers import peer_python
-from helpers.serial_devices import Anyskin, Flexitac, Orca, Paxini, PaxiniSensor, Robotiq, SerialDevice
+from helpers.serial_devices import (
+    Anyskin,
+    BraincoArray,
+    BraincoCapacitive,
+    BraincoForces,
+    BraincoPressure,
+    Flexitac,
+    Orca,
+    Paxini,
+    PaxiniSensor,
+    Robotiq,
+    SerialDevice,
+)
 from tci.drivers.registry import source_at
 from tci.drivers.source_reader import SourceReader
 
@@ -69,6 +81,31 @@ client.disconnect()
 link.disconnect()
 """
 
+BRAINCO = """
+import asyncio, os
+from bc_stark_sdk import main_mod as sdk
+slave, fingers = 0x7F - (kind == "Revo2Touch"), ("thumb", "index", "middle", "ring", "little")
+async def read():
+    hand = await sdk.modbus_open(port, sdk.Baudrate.Baud460800)
+    await hand.set_hardware_type(slave, getattr(sdk.StarkHardwareType, kind))
+    if kind == "Revo2TouchPressure":
+        flat = await hand.get_modulus_touch_data(slave)
+        return {**{one: flat[9 * k : 9 * k + 9] for k, one in enumerate(fingers)}, "palm": flat[45:]}
+    if kind == "Revo2TouchForce3D":
+        found = {one: await hand.get_force3d_finger_array(slave, k) for k, one in enumerate(fingers[1:])}
+        return {one: [v for p in points for v in (p.fx, p.fy, p.fz)] for one, points in found.items()}
+    if kind == "Revo2TouchArrayPressure":
+        found = (await hand.get_array_pressure_touch_data(slave)).data
+        return {one: found[5 * k : 5 * k + 3] for k, one in enumerate(fingers)}
+    items = await hand.get_touch_sensor_status(slave)
+    normal = {one: [item.normal_force1] for one, item in zip(fingers, items)}
+    return normal | {f"{one}_proximity": [item.self_proximity1] for one, item in zip(fingers, items)}
+found = asyncio.run(read())
+side = "left" if slave == 0x7E else "right"
+print(json.dumps({f"{side}_{one}": values for one, values in found.items()}), flush=True)
+os._exit(0)
+"""
+
 
 @pytest.mark.parametrize(
     ("make", "program", "axes"),
@@ -79,6 +116,10 @@ link.disconnect()
         (Paxini, PAXINI, ",axes=xyz"),
         (PaxiniSensor, PAXINI_SENSOR, ",axes=xyz"),
         (Orca, ORCA, ",axes=xyz"),
+        (BraincoCapacitive, f"kind = 'Revo2Touch'{BRAINCO}", ""),
+        (BraincoPressure, f"kind = 'Revo2TouchPressure'{BRAINCO}", ""),
+        (BraincoArray, f"kind = 'Revo2TouchArrayPressure'{BRAINCO}", ",axes=xyz"),
+        (BraincoForces, f"kind = 'Revo2TouchForce3D'{BRAINCO}", ",axes=xyz"),
     ],
     ids=lambda one: getattr(one, "__name__", ""),
 )

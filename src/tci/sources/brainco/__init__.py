@@ -1,0 +1,1 @@
+"""BrainCo Revo2, hands with four kinds of touch sensor, over Modbus RTU."""

@@ -27,19 +27,23 @@ MOTORS = {"Head": 12, "LArm": 15, "RArm": 22}
 The other joints use the following motors."""
 
 
+def as_g1(robot: Robot, silence: float) -> Robot:
+    """A NAO that is mapped to the motors of a G1 too; over their topics it holds after `silence` [s] without
+    data."""
+    addresses = tuple(
+        Address(of=servo.name, to=str(first + place))
+        for part, first in MOTORS.items()
+        for place, servo in enumerate(robot.servos_of(part))
+    )
+    own = Binding(middleware="unitree", rate=100, stale_after=silence, addresses=addresses)
+    return robot.model_copy(update={"bindings": (*robot.bindings, own)})
+
+
 def patient(name: str, silence: float = PATIENCE) -> Robot:
-    """Returns a robot by name that waits for `silence` [s] without data before it holds. A NAO is mapped to
-    the motors of a G1."""
+    """A robot by name that waits for `silence` [s] without data before it holds. A NAO is mapped to the
+    motors of a G1 too."""
     robot = tci.load_robot(name)
-    if name == "nao":
-        addresses = tuple(
-            Address(of=servo.name, to=str(first + place))
-            for part, first in MOTORS.items()
-            for place, servo in enumerate(robot.servos_of(part))
-        )
-        own = Binding(middleware="unitree", rate=100, stale_after=silence, addresses=addresses)
-        robot = robot.model_copy(update={"bindings": (*robot.bindings, own)})
-    return robot.with_stale_after(silence)
+    return (as_g1(robot, silence) if name == "nao" else robot).with_stale_after(silence)
 
 
 def main() -> None:

@@ -21,6 +21,8 @@ from tci.wires.unitree.driver import UnitreeDriver
 
 AT, LONG = 0.6, 1.2
 """Time [s] at which the fault begins, and duration [s] of the run after this time."""
+LONGER = {"stall": 4.0}
+"""Durations [s] of runs in which the arms go back where they came from, and rest there."""
 SHORT = {"nan-angle": 0.2, "dropped-frames": 0.9, "out-of-order": 0.3, "duplicates": 0.3, "clock-jump": 0.3}
 """Durations [s] of temporary faults. All other faults last until the end."""
 EXPECTED = {
@@ -97,7 +99,7 @@ def rehearse(peer: Unitree, name: str) -> Rehearsed:
             ages.append(0.0 if joints is None else tick.now - joints.stamp)
 
         try:
-            run(faulty, Raise(), duration=AT + LONG, observe=see)
+            run(faulty, Raise(), duration=AT + LONGER.get(name, LONG), observe=see)
         except DriverError as error:
             lost = str(error)
         begin = ticks[0].now + AT

@@ -244,7 +244,7 @@ class _Attack(Attack):
         safe = super()._pass(orders, malformed, when, moved=moved)
         self.refused += len(safe.refusals)
         chosen, targets = self.set_points.of(safe)
-        self.socket.send(FOLLOWS.pack(FOLLOW, *chosen.tolist(), *targets.ravel().tolist()))
+        self.socket.send(FOLLOWS.pack(FOLLOW, *chosen.tolist(), targets.tobytes()))
         self._tell(seen)
         return safe
 

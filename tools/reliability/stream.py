@@ -11,7 +11,7 @@ from row import Row
 from yarpwire.dialect import V3
 from yarpwire.feed import Feed
 from yarpwire.name_server import NameServer
-from yarpwire.names import Names
+from yarpwire.wire import Wire
 
 TAXELS, RATE = 4000, 1000
 WRITER = """
@@ -49,7 +49,7 @@ def yarp_skin(full: bool) -> Row:
         assert writer.stdout is not None
         assert writer.stdout.readline() == "ready\n"
         feed = Feed(
-            "/skin", Names(server.address), V3, lambda delivery: delivery.vector(V3), own="/reader",
+            "/skin", Wire(server.address), V3, lambda delivery: delivery.vector(V3), own="/reader",
             carrier="fast_tcp",
         )  # fmt: skip
         dropped = int(writer.stdout.readline())

@@ -18,6 +18,7 @@ import numpy as np
 
 from tci.errors import TciError
 from tci.lab.commissioning.plausibility import doubts
+from tci.lab.experiments.verdict import weight_faults
 from tci.robot.catalogue import load_robot
 from tci.robot.description import GenericPart, Patch, Robot, Servo
 from tci.robot.kinematics import KinematicChain, bare_model
@@ -62,7 +63,7 @@ def some(robot: Robot, count: int) -> list[Mistake]:
 def judge(mistake: Mistake) -> tuple[bool, list[str]]:
     """Returns True if a mistake is found, and the messages that are not about this mistake."""
     try:
-        words = doubts(mistake.robot)
+        words = [*weight_faults(mistake.robot), *doubts(mistake.robot)]
     except TciError as error:
         words = [str(error)]
     about = [one for one in words if mistake.place in one]

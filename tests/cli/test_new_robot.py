@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -12,10 +14,12 @@ from helpers import made_hands
 from helpers.command_line import tci
 from helpers.made_hands import with_hands
 from helpers.made_humanoid import MadeHumanoid
+from tci.lab.authoring.proposal import propose
 from tci.robot.clearance import Clearance
 from tci.robot.description import Grid
 from tci.robot.xml import read_robot
 from tci.robot.xml.model import packaged
+from tci.robot.xml.writer import write_robot
 
 
 def test_from_a_folder_and_from_a_package(tmp_path: Path) -> None:
@@ -87,3 +91,38 @@ def test_pads_of_the_model_are_its_skin(tmp_path: Path) -> None:
     assert pad.contype[0] or pad.conaffinity[0]
     tci("new-robot", str(model), "--force", "--sleeves")
     assert sum(patch.assumed for patch in read_robot(tmp_path / "robot.xml").patches) == 4
+
+
+def spoilt(text: str, joint: str, **limits: float) -> str:
+    """The URDF with other limits of a joint of both arms."""
+    for side in ("left", "right"):
+        begin = text.index(f"<joint name='{side}_{joint}'")
+        end = text.index("</joint>", begin)
+        own = text[begin:end]
+        for name, value in limits.items():
+            own = re.sub(rf" {name}='[^']*'", f" {name}='{value}'", own)
+        text = text[:begin] + own + text[end:]
+    return text
+
+
+@pytest.mark.parametrize(
+    ("mistake", "words"),
+    [
+        (lambda text: re.sub("(<link name='left_elbow_link'>)<inertial>.*?</inertial>", r"\1", text),
+         "link left_elbow_link moves and has no <inertial>; valid: an <inertial>"),
+        (lambda text: spoilt(text, "wrist_roll", lower=-0.001, upper=0.001),
+         "left_arm: its limits allow 0 of 400 common postures; valid: at least 25%"),
+        (lambda text: spoilt(text, "shoulder_pitch", effort=2.0),
+         "left_shoulder_pitch: torque limit of 2 N m; the weight of the arm, stretched out, takes 6.13 N m"),
+    ],
+)  # fmt: skip
+def test_what_check_refuses_is_not_written_and_all_commands_agree(
+    mistake: Callable[[str], str], words: str, tmp_path: Path
+) -> None:
+    model, file = MadeHumanoid().urdf(tmp_path), tmp_path / "robot.xml"
+    model.write_text(mistake(model.read_text()))
+    assert words in tci("new-robot", str(model), status=1)
+    assert not file.exists()
+    file.write_text(write_robot(propose(model, name="made"), file=model.name))
+    for command in (["check"], ["check", "--simulate"], ["skin", "check"]):
+        assert words in tci(*command, str(file), status=1)

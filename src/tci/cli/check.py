@@ -16,6 +16,7 @@ from tci.errors import CommandError
 
 if TYPE_CHECKING:
     from tci.lab.experiments.proof import Proof
+    from tci.lab.experiments.verdict import Verdict
     from tci.robot.description import Robot
     from tci.touches.planned_touch import PlannedTouch
 
@@ -66,15 +67,16 @@ def check(
 ) -> None:
     """Check a robot description. Prints each fault with the line in the file and the valid values.
 
-    Also compares the description with its kinematic model, and the left side of the robot with its right
-    side. The comparison finds values that are valid in the file format but probably wrong: limits, signs,
-    links, positions and units.
+    Also simulates the robot for a moment, compares the axes of its arms with the axes of the generic arm, and
+    commands both arms to angles far outside the limits: tci new-robot writes only what passes this. Then
+    compares the description with its kinematic model, and the left side of the robot with its right side.
+    The comparison finds values that are valid in the file format but probably wrong: limits, signs, links,
+    positions and units.
 
-    --simulate tests the simulated robot. The test compares the axes of the robot's arms with the axes of the
-    generic arm, and commands both arms to angles far outside the limits. Then a simulated finger pokes every
-    receptive field (skin region that triggers a reflex) of the withdrawal reflexes and the middle of every
-    patch. The touched part must move away from the finger. With --touch or --touches, people also touch the
-    robot, in the words of tci run, while its reflex answers.
+    --simulate also touches the simulated robot. A finger pokes every receptive field (skin region that
+    triggers a reflex) of the withdrawal reflexes and the middle of every patch. The touched part must move
+    away from the finger. With --touch or --touches, people also touch the robot, in the words of tci run,
+    while its reflex answers.
 
     --hardware tests the real robot. The test first reads joints and skin. Then the test moves one joint after
     another slowly by 2 degrees. Before each motion, the test asks for your permission; after the motion, the
@@ -100,47 +102,52 @@ def check(
         )
     from tci.cli.touching import ask
     from tci.lab.commissioning.plausibility import doubts
+    from tci.lab.experiments.verdict import judge
     from tci.robot.catalogue import load_robot
 
     found = load_robot(robot)
-    notes, doubtful = list(remarks(found)), doubts(found)
     asked = ask(found, touch or [], touches)
     if asked is not None and not simulate:
         raise CommandError("--touch and --touches need a simulation; valid: add --simulate")
     planned = () if asked is None else asked.planned
-    proof = _prove(found, planned, quiet=as_json) if simulate else None
+    with told_here():  # it commands angles outside all limits on purpose, so the log would list clamps
+        verdict = judge(found)
+    proof = _prove(found, verdict, planned, quiet=as_json) if simulate else None
+    faults = verdict.faults if proof is None else proof.faults
+    notes = remarks(found)
+    doubtful = doubts(found) if verdict.axes or verdict.missing else []
     if as_json:
+        about = {"robot": found.name, "valid": not faults, "faults": faults, "remarks": notes}
         simulated = {} if proof is None else {"simulated": proof.to_json()}
-        print_json({"robot": found.name, "valid": True, "remarks": notes, "doubts": doubtful, **simulated})
+        print_json({**about, "doubts": doubtful, **simulated})
     else:
-        _print_check(robot, found, notes, doubtful)
+        _print_check(robot, found, notes, doubtful, faults=() if simulate else faults)
         if proof is not None:
             _print_proof(proof)
-    if proof is not None and proof.faults:
+    if faults:
         raise SystemExit(1)
 
 
-def _prove(robot: Robot, touches: Sequence[PlannedTouch], *, quiet: bool) -> Proof:
+def _prove(robot: Robot, verdict: Verdict, touches: Sequence[PlannedTouch], *, quiet: bool) -> Proof:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from tci.lab.experiments.proof import prove
 
     columns = (TextColumn("{task.description:<32}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=quiet, transient=True) as progress:
-        task = progress.add_task("reading the model", total=14 + len(robot.patches))
+        task = progress.add_task("touching it", total=11 + len(robot.patches))
 
         def show(what: str) -> None:
             progress.update(task, advance=1, description=what)
             if not quiet and not console.is_terminal:  # a progress bar is only shown on a terminal
                 console.print(f"... {what}", highlight=False, markup=False)
 
-        # the test commands angles outside all limits on purpose, so the log would list clamps
         with told_here():
-            return prove(robot, touches=touches, progress=show)
+            return prove(robot, verdict=verdict, touches=touches, progress=show)
 
 
 def _print_proof(proof: Proof) -> None:
-    from tci.lab.experiments.proof import POSTURES
+    from tci.lab.experiments.verdict import POSTURES
 
     for axes in proof.axes:
         console.print(
@@ -148,6 +155,21 @@ def _print_proof(proof: Proof) -> None:
             f"{axes.within_limits} of {POSTURES} postures that the limits allow",
             highlight=False,
         )
+    if proof.trials or proof.patches or not proof.faults:
+        _print_touches(proof)
+    else:
+        console.print("touches: not tried before these faults are mended", highlight=False)
+    for fault in proof.faults:
+        console.print(f"  [red]{escape(fault)}[/]", highlight=False)
+    end = (
+        f"[red]{len(proof.faults)} fault{'s' * (len(proof.faults) > 1)}[/]"
+        if proof.faults
+        else f"[green]{PROVED[proof.skin]}[/]"
+    )
+    console.print(f"{proof.robot}: {end}")
+
+
+def _print_touches(proof: Proof) -> None:
     answered = sum(trial.responded for trial in proof.trials)
     if proof.without_skin:
         bare = ", ".join(proof.without_skin)
@@ -164,21 +186,18 @@ def _print_proof(proof: Proof) -> None:
     for touch in proof.touches:
         words = f"{touch.kind} {touch.place}, on {touch.patch}: asked {touch.asked_n:.3g} N"
         console.print(f"{words}, felt up to {touch.felt_n:.3g} N", highlight=False, markup=False)
-    for fault in proof.faults:
-        console.print(f"  [red]{escape(fault)}[/]", highlight=False)
-    end = (
-        f"[red]{len(proof.faults)} fault{'s' * (len(proof.faults) > 1)}[/]"
-        if proof.faults
-        else f"[green]{PROVED[proof.skin]}[/]"
-    )
-    console.print(f"{proof.robot}: {end}")
 
 
-def _print_check(name: str, robot: Robot, notes: list[str], doubtful: list[str]) -> None:
+def _print_check(
+    name: str, robot: Robot, notes: list[str], doubtful: list[str], *, faults: Sequence[str]
+) -> None:
+    is_valid = "[red]{} can't be simulated and proved[/]" if faults else "[green]{} is valid[/]"
     console.print(
-        f"[green]{escape(name)} is valid[/]: {robot.name}, {len(robot.parts)} generic parts, "
+        f"{is_valid.format(escape(name))}: {robot.name}, {len(robot.parts)} generic parts, "
         f"{len(robot.servos)} servos, {len(robot.skin)} patches of skin"
     )
+    for fault in faults:
+        console.print(f"  {fault}", style="red", highlight=False, markup=False)
     for note in notes:
         console.print(f"  note: {note}", style="yellow", highlight=False, markup=False)
     for doubt in doubtful:
@@ -190,6 +209,7 @@ def remarks(robot: Robot) -> list[str]:
     example is a servo without limits, since the gate refuses to move such a servo.
     """
     from tci.lab.commissioning.assumptions import powers, too_quick
+    from tci.lab.experiments.verdict import arms_missing
 
     needed = ("lower", "upper", "velocity", "acceleration", "jerk")
     notes = []
@@ -213,4 +233,6 @@ def remarks(robot: Robot) -> list[str]:
         notes.append(f"assumed skin, which nobody has seen on the robot: {', '.join(assumed)}")
     if robot.model is None:
         notes.append("no kinematic model: the robot can't be simulated, and its skin has no place in space")
+    elif lacks := arms_missing(robot):
+        notes.append(f"{lacks}: tci check --simulate proves robots with two arms")
     return [*notes, *too_quick(robot), *powers(robot)]

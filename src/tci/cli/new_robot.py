@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, cast, get_args
 
 import typer
 from rich.markup import escape
 
-from tci.cli.console import console, print_json
+from tci.cli.console import console, print_json, told_here
 from tci.cli.options import AsJson
-from tci.errors import CommandError, meant
+from tci.errors import CommandError, DescriptionError, Fault, meant
 
 if TYPE_CHECKING:
+    from tci.lab.authoring.find_pads import FoundPads
     from tci.lab.authoring.proposed_arm import Sign
     from tci.lab.authoring.proposed_fingers import Trust
     from tci.robot.description import Robot
@@ -106,8 +108,8 @@ def new_robot(
 
     Finds arms, hands, fingers, head, torso and legs by their geometry, reads limits from the file, and takes
     the tactile pads that the model has (tci skin find); if it has none, it puts sleeves of assumed skin
-    around the arms. Check the result before you use it: if the model lacks a value, TCI assumes a value and
-    marks this value as assumed.
+    around the arms. A robot that tci check would refuse is not written. Check the result before you use it:
+    if the model lacks a value, TCI assumes a value and marks this value as assumed.
 
     Example:  tci new-robot my_robot.urdf
     """
@@ -120,6 +122,7 @@ def new_robot(
     from tci.lab.authoring.pad_patches import table_of
     from tci.lab.authoring.proposal import propose
     from tci.lab.authoring.sleeves import assumed_skins
+    from tci.lab.commissioning.plausibility import doubts
     from tci.robot.mesh_files import NO_MESHES
     from tci.robot.xml import read_robot
     from tci.robot.xml.writer import write_robot
@@ -150,6 +153,7 @@ def new_robot(
     )
     if target.exists() and not force:
         raise CommandError(f"{target} exists; valid: --out with another file, or --force to replace it")
+    _refuse_if_useless(proposed, pads)
     text = write_robot(
         proposed,
         file=file,
@@ -166,9 +170,10 @@ def new_robot(
     robot = read_robot(target)
     found, assumed = _found(robot), assumed_limits(robot)
     notes = [*left_out(robot), *assumed_skins(robot), *spans(robot), *remarks(robot)]
+    doubtful = doubts(robot)
     if as_json:
         about = {"robot": name, "file": str(target), "found": found, "assumed": assumed, "remarks": notes}
-        print_json({**about, "skin": pads_as_json(pads)})
+        print_json({**about, "doubts": doubtful, "skin": pads_as_json(pads)})
         return
     console.print(f"wrote {target}", style="green", highlight=False, markup=False)
     for line in found:
@@ -179,11 +184,36 @@ def new_robot(
         console.print(f"  assumed: {line}", style="yellow", highlight=False, markup=False)
     for note in notes:
         console.print(f"  note: {note}", style="yellow", highlight=False, markup=False)
+    for doubt in doubtful:
+        console.print(f"  doubtful: {doubt}", style="red", highlight=False, markup=False)
     console.print(
         f"next: review the file, then [bold]tci check --simulate {escape(str(target))}[/]", highlight=False
     )
     if not pads.pads and cover is None:
         console.print("no skin in this model: sleeves are assumed (--no-sleeves)", highlight=False)
+
+
+def _refuse_if_useless(proposed: Robot, pads: FoundPads) -> None:
+    """Raises DescriptionError if tci check would refuse the proposed robot. Its tables of taxels are in a
+    temporary folder meanwhile."""
+    from tci.lab.authoring.pad_patches import table_of
+    from tci.lab.experiments.verdict import judge
+    from tci.robot.description import Table
+
+    patches = []
+    with TemporaryDirectory() as folder:
+        for pad in pads.pads:
+            if pad.is_table:
+                Path(folder, f"{pad.name}.csv").write_text(table_of(pad), encoding="utf-8")
+        for patch in proposed.patches:
+            surface = patch.surface
+            if isinstance(surface, Table):
+                surface = surface.model_copy(update={"file": str(Path(folder, surface.file))})
+            patches.append(patch.model_copy(update={"surface": surface}))
+        with told_here():
+            faults = judge(proposed.model_copy(update={"patches": tuple(patches)})).faults
+    if faults:
+        raise DescriptionError(proposed.source, [Fault(0, fault) for fault in faults])
 
 
 def _plain(stem: str) -> str:

@@ -9,8 +9,9 @@ import typer
 from rich import box
 from rich.table import Table
 
-from tci.cli.console import console, print_json
+from tci.cli.console import console, print_json, told_here
 from tci.cli.options import AsJson, RobotName
+from tci.errors import DescriptionError, Fault
 
 
 def check(
@@ -24,16 +25,21 @@ def check(
     """Measure the distances between taxels and the surface of the links that carry them: a sleeve may lie
     over two links. If the frame of the taxels is wrong, compute the correction of the frame.
 
-    The exit status is 1 if a skin does not fit its link.
+    The exit status is 1 if a skin does not fit its link, or if tci check refuses the robot.
 
     Example:  tci skin check icub --file right_arm.txt --link r_upper_arm
     """
     from rich.progress import Progress
 
     from tci.lab.authoring.check_skin import check_skins
+    from tci.lab.experiments.verdict import judge
     from tci.robot.catalogue import load_robot
 
     words = load_robot(robot)
+    with told_here():
+        faults = judge(words).faults if file is None else ()
+    if faults:
+        raise DescriptionError(words.source, [Fault(0, fault) for fault in faults])
     with Progress(console=console, transient=True, disable=as_json or not console.is_terminal) as bar:
         task = bar.add_task("")
         rows = check_skins(

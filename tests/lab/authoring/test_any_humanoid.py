@@ -15,7 +15,7 @@ from tci.lab.authoring.left_out import left_out
 from tci.lab.authoring.limb_kind import named_side
 from tci.lab.authoring.proposal import propose
 from tci.lab.authoring.sleeves import assumed_skins
-from tci.lab.experiments.proof import compare_axes
+from tci.lab.experiments.verdict import compare_axes
 from tci.robot.clearance import Clearance
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position

@@ -12,7 +12,7 @@ from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.drivers.simulated import SimulatedDriver
 from tci.gestures.gesture import Gesture, fit, record
 from tci.lab.experiments.follow import follow
-from tci.lab.experiments.proof import arm_axes
+from tci.lab.experiments.verdict import arm_axes
 from tci.messages import Perception
 from tci.messages.frames import Array, angle_between
 from tci.reasons import Code, Reason

@@ -18,7 +18,8 @@ from tci.lab.authoring.proposal import propose
 from tci.lab.experiments.measure import cop_error, measure
 from tci.lab.experiments.patch_trials import patch_trials_of
 from tci.lab.experiments.poke import Stimulus, poke
-from tci.lab.experiments.proof import compare_axes, limit_faults, prove, trial_faults
+from tci.lab.experiments.proof import prove, trial_faults
+from tci.lab.experiments.verdict import compare_axes, limit_faults
 from tci.messages import GenericCommand, Mode, Order, Perception
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
@@ -70,8 +71,10 @@ def test_arms_without_skin_and_with_wrong_limits_are_found_out() -> None:
         for servo in nao.servos
     )
     worn = tuple(patch for patch in nao.patches if patch.name == "left_upper_arm")
-    proof = prove(nao.model_copy(update={"servos": servos, "patches": worn}))
-    assert any("Check the signs (gamma) and offsets (sigma)" in fault for fault in proof.faults)
+    wrong = prove(nao.model_copy(update={"servos": servos}))
+    assert any("Check the signs (gamma) and offsets (sigma)" in fault for fault in wrong.faults)
+    assert not wrong.trials
+    proof = prove(nao.model_copy(update={"patches": worn}))
     assert {"forearm of left_arm", "right_arm"} <= {*proof.without_skin}
     assert {trial.part for trial in proof.trials} <= {"left_arm"}
 

@@ -17,9 +17,8 @@ from tci.lab.authoring.proposed_parts import HAND, LEG
 from tci.lab.commissioning.both_sides import UNEVEN, joint_pairs, pairs, posture_doubts
 from tci.messages.frames import Array, apply
 from tci.robot.description import GenericPart, Model, Patch, Robot
-from tci.robot.gravity import Gravity
 from tci.robot.joint_map import initial_position, joint_map
-from tci.robot.kinematics import KinematicChain, bare_model
+from tci.robot.kinematics import KinematicChain, bare_model, written
 from tci.robot.mesh_files import NO_MESHES
 from tci.skin.surfaces import build_surface
 
@@ -33,8 +32,6 @@ than 60 degrees."""
 BEYOND = np.deg2rad(1.0)
 """Largest angle [rad] by which a limit in the description may exceed the limit in the model. Assumed: larger
 than the error of rounding to degrees."""
-FORWARD = np.deg2rad([90.0, 0.0, 0.0, 0.0, 0.0])
-"""Angles [rad] of the generic joints of an arm that is stretched out forward."""
 APART = 0.012
 """A point on the left side counts as symmetric if it is at most this distance [m] from the mirror image of
 the corresponding point on the right side. Assumed: larger than the asymmetry of real arms, and smaller than
@@ -255,7 +252,8 @@ def _distances(robot: Robot, chain: KinematicChain, *, without: set[str]) -> Ite
     assert robot.model is not None
     if robot.model.meshes == NO_MESHES or not robot.skin:
         return
-    points = _points(robot.model.model_copy(update={"torso_link": "", "torso_rpy": (0.0, 0.0, 0.0)}))
+    model = robot.model.model_copy(update={"torso_link": "", "torso_rpy": (0.0, 0.0, 0.0)})
+    points = _points(model, written(model))
     for patch in robot.skin:
         surface = build_surface(robot, patch, chain)
         shapes = points.around(surface.link)
@@ -270,7 +268,9 @@ def _distances(robot: Robot, chain: KinematicChain, *, without: set[str]) -> Ite
 
 
 @lru_cache(maxsize=4)
-def _points(model: Model) -> LinkPoints:
+def _points(model: Model, _: int) -> LinkPoints:
+    """The second argument is the time [ns] at which the file was last written, so that a changed file is read
+    again."""
     return LinkPoints(model)
 
 
@@ -286,35 +286,22 @@ def _apart(left: Array, right: Array) -> float:
 
 
 def _torques(robot: Robot) -> Iterator[str]:
-    """Yields a sentence for each servo whose torque limit is too low: for the weight of an arm that is
-    stretched out forward, or for the joint's friction and damping at its speed limit.
-    """
+    """Yields a sentence for each servo whose torque limit is too low for its joint's friction and damping at
+    its speed limit."""
     assert robot.model is not None
-    gravity, model = Gravity(robot), bare_model(robot.model)
-    position = np.array(initial_position(robot))
-    for part in _arms(robot):
-        joints = joint_map(robot, part.name)
-        position[joints.servos] = joints.to_robot(FORWARD, position)
-    needed = np.abs(gravity.torques(position))
-    mapped = {one.servo: part.kind for part in robot.parts for one in part.servos}
+    model = bare_model(robot.model)
+    mapped = {one.servo for part in robot.parts for one in part.servos}
     for servo in robot.servos:
-        torque, kind = servo.limits.torque, mapped.get(servo.index)
-        if torque is None or kind is None:
+        torque, speed = servo.limits.torque, servo.limits.velocity
+        if torque is None or speed is None or servo.joint is None or servo.index not in mapped:
             continue
-        weight = float(needed[servo.index]) if kind == "arm" else 0.0
-        if weight > torque:
+        dof = int(model.joint(servo.joint).dofadr[0])
+        lost = float(model.dof_frictionloss[dof] + model.dof_damping[dof] * speed)
+        if lost > torque:
             yield (
-                f"{servo.name}: torque limit of {torque:.3g} N m; the weight of the arm, stretched out, "
-                f"takes {weight:.3g} N m"
+                f"{servo.name}: torque limit of {torque:.3g} N m; the model's friction and damping take "
+                f"{lost:.3g} N m at the speed limit of {np.rad2deg(speed):.4g} degrees/s"
             )
-        elif servo.joint is not None and servo.limits.velocity is not None:
-            dof = int(model.joint(servo.joint).dofadr[0])
-            lost = float(model.dof_frictionloss[dof] + model.dof_damping[dof] * servo.limits.velocity)
-            if lost > torque:
-                yield (
-                    f"{servo.name}: torque limit of {torque:.3g} N m; the model's friction and damping take "
-                    f"{lost:.3g} N m at the speed limit of {np.rad2deg(servo.limits.velocity):.4g} degrees/s"
-                )
 
 
 def _arms(robot: Robot) -> list[GenericPart]:

@@ -8,10 +8,7 @@ from dataclasses import asdict, dataclass
 from itertools import chain
 from typing import Any, Literal
 
-import numpy as np
-
 from tci.body.generic_body import GenericBody
-from tci.body.posture import to_platform
 from tci.body.touchable import without_skin
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.capability import Capability, lacks
@@ -20,37 +17,19 @@ from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
 from tci.gate.gate import GateState
 from tci.lab.experiments.body_trials import body_trials_of
-from tci.lab.experiments.checker import command_violations, physics_violations
-from tci.lab.experiments.experiment import SIDES, trial_places, trials_of
+from tci.lab.experiments.checker import command_violations
+from tci.lab.experiments.experiment import trial_places, trials_of
 from tci.lab.experiments.measure import Trial
 from tci.lab.experiments.patch_trials import PatchTrial, patch_trials_of
 from tci.lab.experiments.poke import DEEP, Stimulus
-from tci.messages import GenericCommand, Mode, PlatformCommand
-from tci.messages.frames import Array, angle_between, apply
-from tci.robot.description import GenericPart, Robot
-from tci.robot.generic_arm import JOINTS, forearm_rotation, side_sign, upper_arm_rotation
-from tci.robot.joint_map import initial_position
-from tci.robot.kinematics import KinematicChain
-from tci.runtime.control import Control
+from tci.lab.experiments.verdict import Axes, Verdict, judge
+from tci.robot.description import Robot
 from tci.runtime.loop import Tick, run
 from tci.simulation.touching import people_needed
 from tci.simulation.world import World
 from tci.touches.laid import LaidTouches
 from tci.touches.planned_touch import PlannedTouch
 
-RANGE = np.deg2rad([[-10, 95], [0, 75], [-30, 65], [15, 90], [-60, 60]])
-"""Range [rad] of each generic angle in the random postures for `compare_axes`, one row for each joint from
-shoulder to pronation. Assumed: most humanoid arms can reach these angles."""
-POSTURES = 400
-"""Number of random postures in which the axes of a robot's arm are compared with those of the generic arm.
-Assumed: this number is sufficient for five joints, and the comparison takes less than one second."""
-LEAST_SHARE = 0.25
-"""Least fraction of the random postures that must be within the servos' limits. Assumed: with a wrong sign or
-offset, a far smaller fraction is within the limits."""
-AXIS = 0.5
-"""Largest permitted angle [degrees] between an axis of the robot and the corresponding axis of the generic
-arm. Assumed: larger than the effect of rounding in published models, smaller than the effect of a wrong
-mount."""
 SLOWEST = {50.0: 43.0, 100.0: 33.0}
 """Longest permitted time [ms] from touch to motion, by the frame rate [Hz] of the skin. The time consists of
 one frame period of the skin, and of 23 ms for gate and servo. Assumed: the robots in `tci demo` need less
@@ -59,21 +38,6 @@ LATE = 0.2
 """Time [s] after a touch in which its last frame arrives. Assumed: several frames of any skin."""
 ON_TAXELS = 0.2
 """Least fraction of a touch on taxels from which it must be felt. Assumed."""
-TARGETS, PACE = 8, 0.4
-"""Number of random targets far outside the limits, and time [s] for each target. Assumed: an arm at full
-speed reaches a limit within this time."""
-
-
-@dataclass(frozen=True, slots=True)
-class Axes:
-    """Comparison of one arm's axes with the axes of the generic arm, in the mount frame of the arm."""
-
-    part: str
-    within_limits: int
-    """Number of the tried random postures that are within the servos' limits."""
-    worst_deg: float
-    """Largest angle [degrees] between an axis of the robot's arm and the corresponding axis of the generic
-    arm, in all postures within the limits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,39 +79,24 @@ class Proof:
 def prove(
     robot: Robot,
     *,
+    verdict: Verdict | None = None,
     stimulus: Stimulus | None = None,
     touches: Sequence[PlannedTouch] = (),
     progress: Callable[[str], None] = lambda what: None,
 ) -> Proof:
     """Runs all tests of a robot in simulation.
 
-    `stimulus` is the poke with which the reflexes are tested, by default `Stimulus()`. People also do
-    `touches`. The function `progress` is called with the name of each step. Raises DescriptionError for a
-    robot that can't be simulated.
+    `verdict` is that of `judge`, if it is known already; a robot with faults there is not touched. `stimulus`
+    is the poke with which the reflexes are tested, by default `Stimulus()`. People also do `touches`.
+    `progress` is called with the name of each step.
     """
-    faults: list[str] = []
-    arms = [f"{side}_arm" for side in SIDES]
-    if missing := [name for name in arms if name not in {part.name for part in robot.parts}]:
-        return Proof(
-            robot.name, (), (), (), (f"no part {' and '.join(missing)}; valid: a robot with two arms",)
-        )
-    axes = []
-    for name in arms:
-        progress(f"axes of {name}")
-        found = compare_axes(robot, robot.part(name))
-        axes.append(found)
-        if found.within_limits < LEAST_SHARE * POSTURES:
-            faults.append(
-                f"{name}: its limits allow {found.within_limits} of {POSTURES} common postures; valid: at "
-                f"least {LEAST_SHARE:.0%}. Check the signs (gamma) and offsets (sigma) of its joints"
-            )
-        if not found.worst_deg <= AXIS:
-            faults.append(
-                f"{name}: an axis is {found.worst_deg:.1f} degrees from that of the generic arm; valid: at "
-                f"most {AXIS}. Check the signs (gamma) and the order of its joints, and its mount"
-            )
-    progress("limits")
-    faults += limit_faults(robot)
+    if verdict is None:
+        verdict = judge(robot)
+    faults = [*verdict.faults]
+    if verdict.missing:
+        faults.append(f"{verdict.missing}; valid: a model, and two arms")
+    if faults:
+        return Proof(robot.name, verdict.axes, (), (), tuple(faults))
     patches: list[PatchTrial] = []
     body_reflex = BodyWithdrawal(stance="supported")
     for touch in patch_trials_of(robot, WithdrawalReflex(), body_reflex):
@@ -176,7 +125,7 @@ def prove(
         faults += found_faults
     return Proof(
         robot.name,
-        tuple(axes),
+        verdict.axes,
         tuple(trials),
         tuple(patches),
         tuple(faults),
@@ -227,89 +176,6 @@ def _skin(robot: Robot, *, answered: bool) -> Literal["described", "assumed", "n
     if not answered:
         return "unanswered"
     return "assumed" if any(patch.assumed for patch in robot.patches) else "described"
-
-
-def compare_axes(robot: Robot, part: GenericPart) -> Axes:
-    """Compares the axes of shoulder rotation, elbow and pronation with the axes of the generic arm, in random
-    postures."""
-    assert part.side is not None
-    sign = side_sign(part.side)
-    kinematics = KinematicChain(robot)
-    mapped = {generic.servo for generic in part.servos if generic.servo is not None}
-    hand = next(link for link in kinematics.links if mapped <= set(kinematics.chain(link)))
-    worst, within = 0.0, 0
-    low, high = RANGE.T
-    for posture in np.random.default_rng(2).uniform(low, high, size=(POSTURES, len(JOINTS))):
-        command = to_platform(robot, GenericCommand(part.name, Mode.POSITION, posture))
-        limits = [robot.servos[servo].limits for servo in command.servos]
-        lower, upper = np.array([[limit.lower, limit.upper] for limit in limits], dtype=float).T
-        if np.any(command.values < lower) or np.any(command.values > upper):
-            continue
-        within += 1
-        position = np.array(initial_position(robot))
-        position[command.servos] = command.values
-        upper_arm, bend, forearm = arm_axes(robot, part, kinematics, hand, position)
-        pairs = [
-            (upper_arm, -upper_arm_rotation(posture, part.side, axial=False)[:, 2]),
-            (bend, -upper_arm_rotation(posture, part.side, axial=True)[:, 1]),
-        ]
-        if forearm is not None:
-            pairs.append((sign * forearm, -forearm_rotation(posture, part.side, axial=False)[:, 2]))
-        worst = max(worst, *(float(np.rad2deg(angle_between(a, b))) for a, b in pairs))
-    return Axes(part.name, within, worst)
-
-
-def arm_axes(
-    robot: Robot, part: GenericPart, kinematics: KinematicChain, hand: str, position: Array
-) -> tuple[Array, Array, Array | None]:
-    """Returns the unit axes (3,) of internal rotation, elbow flexion and pronation, in the mount frame. The
-    axis of internal rotation points towards the elbow.
-
-    The axis of pronation is None for an arm without pronation. `hand` is a link that all of these joints
-    move.
-    """
-    poses = kinematics.poses(position, [segment.link for segment in part.segments])
-    ends = {s.name: apply(poses[s.link], np.array(s.origin)) for s in part.segments}
-    turns = part.R_TM.T @ kinematics.jacobian(position, hand)[3:]
-    yaw, elbow, pronation = (generic.servo for generic in part.servos[2:])
-    assert yaw is not None
-    assert elbow is not None
-    upper_arm = turns[:, yaw]
-    upper_arm = upper_arm * np.sign(upper_arm @ (part.R_TM.T @ (ends["forearm"] - ends["upper_arm"])))
-    bend = turns[:, elbow] * np.sign(part.servos[3].sense)
-    if pronation is None:
-        return upper_arm, bend, None
-    return upper_arm, bend, turns[:, pronation] * np.sign(part.servos[4].sense)
-
-
-def limit_faults(robot: Robot) -> list[str]:
-    """Commands both arms to random targets far outside their limits.
-
-    Returns one sentence for each violation that the module `checker` finds, and for each reason for which the
-    gate refused a command or held the robot.
-    """
-    driver = SimulatedDriver(robot, world=World(robot, skin=False))
-    generator = np.random.default_rng(4)
-    sent, positions, velocities = [], [], []
-    change = -1
-    control = Control(driver)
-    for moment in control.periods(duration=TARGETS * PACE):
-        joints = moment.reading.joints
-        orders: list[PlatformCommand] = []
-        if int(moment.now / PACE) > change:
-            change = int(moment.now / PACE)
-            for side in SIDES:
-                target = generator.uniform(-2.0, 2.0, len(JOINTS))
-                command = GenericCommand(f"{side}_arm", Mode.POSITION, target)
-                orders.append(to_platform(robot, command, position=joints.position))
-        sent.append(control.act(orders))
-        positions.append(joints.position)
-        velocities.append(joints.velocity)
-    faults = command_violations(robot, sent, positions, driver.period)
-    faults += physics_violations(robot, np.array(positions), np.array(velocities))
-    faults += dict.fromkeys(str(refusal) for safe in sent for refusal in safe.refusals)
-    faults += dict.fromkeys(f"{safe.state.value}: {safe.reason}" for safe in sent if safe.reason)
-    return faults
 
 
 def trial_faults(robot: Robot, trial: Trial) -> list[str]:

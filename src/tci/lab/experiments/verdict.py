@@ -1,0 +1,216 @@
+"""Whether a robot can be simulated and proved: the one definition that `tci new-robot`, `tci check`, `tci
+check --simulate` and `tci skin check` share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from tci.body.posture import to_platform
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import DescriptionError, TciError
+from tci.lab.experiments.checker import command_violations, physics_violations
+from tci.lab.experiments.experiment import SIDES
+from tci.messages import GenericCommand, Mode, PlatformCommand
+from tci.messages.frames import Array, angle_between, apply
+from tci.robot.description import GenericPart, Robot
+from tci.robot.generic_arm import JOINTS, forearm_rotation, side_sign, upper_arm_rotation
+from tci.robot.gravity import Gravity
+from tci.robot.joint_map import initial_position, joint_map
+from tci.robot.kinematics import KinematicChain
+from tci.runtime.control import Control
+from tci.simulation.world import World
+
+RANGE = np.deg2rad([[-10, 95], [0, 75], [-30, 65], [15, 90], [-60, 60]])
+"""Range [rad] of each generic angle in the random postures for `compare_axes`, one row for each joint from
+shoulder to pronation. Assumed: most humanoid arms can reach these angles."""
+POSTURES = 400
+"""Number of random postures in which the axes of a robot's arm are compared with those of the generic arm.
+Assumed: this number is sufficient for five joints, and the comparison takes less than one second."""
+LEAST_SHARE = 0.25
+"""Least fraction of the random postures that must be within the servos' limits. Assumed: with a wrong sign or
+offset, a far smaller fraction is within the limits."""
+AXIS = 0.5
+"""Largest permitted angle [degrees] between an axis of the robot and the corresponding axis of the generic
+arm. Assumed: larger than the effect of rounding in published models, smaller than the effect of a wrong
+mount."""
+FORWARD = np.deg2rad([90.0, 0.0, 0.0, 0.0, 0.0])
+"""Angles [rad] of the generic joints of an arm that is stretched out forward."""
+TARGETS, PACE = 8, 0.4
+"""Number of random targets far outside the limits, and time [s] for each target. Assumed: an arm at full
+speed reaches a limit within this time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Axes:
+    """Comparison of one arm's axes with the axes of the generic arm, in the mount frame of the arm."""
+
+    part: str
+    within_limits: int
+    """Number of the tried random postures that are within the servos' limits."""
+    worst_deg: float
+    """Largest angle [degrees] between an axis of the robot's arm and the corresponding axis of the generic
+    arm, in all postures within the limits."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """A robot can be simulated and proved if nothing is missing and `faults` is empty."""
+
+    missing: str = ""
+    """What the robot lacks for a proof, though it may be driven without: a model, or an arm."""
+    faults: tuple[str, ...] = ()
+    """Faults, one sentence each, with what is valid."""
+    axes: tuple[Axes, ...] = ()
+
+
+def judge(robot: Robot) -> Verdict:
+    """Compiles the model, weighs it, simulates one period with its skin, compares the axes of both arms with
+    the generic arm's, and sends both arms to their limits. Takes one or two seconds.
+
+    A step that fails is the last one, since those after it need it.
+    """
+    if missing := "no kinematic model" if robot.model is None else arms_missing(robot):
+        return Verdict(missing)
+    try:
+        heavy = [*weight_faults(robot)]
+        _one_period(robot)
+        axes = [compare_axes(robot, robot.part(f"{side}_arm")) for side in SIDES]
+        # An arm that is too heavy for its motors sags, and the gate then blames something that it met.
+        faults = [*heavy, *axis_faults(axes), *([] if heavy else limit_faults(robot))]
+    except DescriptionError as error:
+        return Verdict(faults=tuple(fault.message for fault in error.faults))
+    except TciError as error:
+        return Verdict(faults=(str(error),))
+    return Verdict(faults=tuple(faults), axes=tuple(axes))
+
+
+def arms_missing(robot: Robot) -> str:
+    """The arms that a robot with one arm or none lacks, in words; empty for one with two."""
+    arms = [f"{side}_arm" for side in SIDES]
+    missing = [name for name in arms if name not in {part.name for part in robot.parts}]
+    return f"no part {' and '.join(missing)}" if missing else ""
+
+
+def weight_faults(robot: Robot) -> Iterator[str]:
+    """One sentence for each servo of an arm that can't carry the arm, stretched out forward. Raises
+    DescriptionError if the model does not say what its moving links weigh."""
+    gravity, position = Gravity(robot), np.array(initial_position(robot))
+    arms = [part for part in robot.parts if part.kind == "arm"]
+    for part in arms:
+        joints = joint_map(robot, part.name)
+        position[joints.servos] = joints.to_robot(FORWARD, position)
+    needed = np.abs(gravity.torques(position))
+    for servo in dict.fromkeys(one.servo for part in arms for one in part.servos if one.servo is not None):
+        name, torque = robot.servos[servo].name, robot.servos[servo].limits.torque
+        if torque is not None and needed[servo] > torque:
+            yield (
+                f"{name}: torque limit of {torque:.3g} N m; the weight of the arm, stretched out, takes "
+                f"{needed[servo]:.3g} N m; valid: a motor's torque in N m, and links whose masses are in kg"
+            )
+
+
+def _one_period(robot: Robot) -> None:
+    control = Control(driver := SimulatedDriver(robot))
+    for _ in control.periods(duration=driver.period):
+        control.act([])
+
+
+def axis_faults(axes: list[Axes]) -> Iterator[str]:
+    """One sentence for each arm that can't take common postures, or whose axes are not the generic arm's."""
+    for found in axes:
+        if found.within_limits < LEAST_SHARE * POSTURES:
+            yield (
+                f"{found.part}: its limits allow {found.within_limits} of {POSTURES} common postures; valid: "
+                f"at least {LEAST_SHARE:.0%}. Check the signs (gamma) and offsets (sigma) of its joints"
+            )
+        if not found.worst_deg <= AXIS:
+            yield (
+                f"{found.part}: an axis is {found.worst_deg:.1f} degrees from that of the generic arm; "
+                f"valid: at most {AXIS}. Check the signs (gamma) and the order of its joints, and its mount"
+            )
+
+
+def compare_axes(robot: Robot, part: GenericPart) -> Axes:
+    """Compares the axes of shoulder rotation, elbow and pronation with the axes of the generic arm, in random
+    postures."""
+    assert part.side is not None
+    sign = side_sign(part.side)
+    kinematics = KinematicChain(robot)
+    mapped = {generic.servo for generic in part.servos if generic.servo is not None}
+    hand = next(link for link in kinematics.links if mapped <= set(kinematics.chain(link)))
+    worst, within = 0.0, 0
+    low, high = RANGE.T
+    for posture in np.random.default_rng(2).uniform(low, high, size=(POSTURES, len(JOINTS))):
+        command = to_platform(robot, GenericCommand(part.name, Mode.POSITION, posture))
+        limits = [robot.servos[servo].limits for servo in command.servos]
+        lower, upper = np.array([[limit.lower, limit.upper] for limit in limits], dtype=float).T
+        if np.any(command.values < lower) or np.any(command.values > upper):
+            continue
+        within += 1
+        position = np.array(initial_position(robot))
+        position[command.servos] = command.values
+        upper_arm, bend, forearm = arm_axes(robot, part, kinematics, hand, position)
+        pairs = [
+            (upper_arm, -upper_arm_rotation(posture, part.side, axial=False)[:, 2]),
+            (bend, -upper_arm_rotation(posture, part.side, axial=True)[:, 1]),
+        ]
+        if forearm is not None:
+            pairs.append((sign * forearm, -forearm_rotation(posture, part.side, axial=False)[:, 2]))
+        worst = max(worst, *(float(np.rad2deg(angle_between(a, b))) for a, b in pairs))
+    return Axes(part.name, within, worst)
+
+
+def arm_axes(
+    robot: Robot, part: GenericPart, kinematics: KinematicChain, hand: str, position: Array
+) -> tuple[Array, Array, Array | None]:
+    """Returns the unit axes (3,) of internal rotation, elbow flexion and pronation, in the mount frame. The
+    axis of internal rotation points towards the elbow.
+
+    The axis of pronation is None for an arm without pronation. `hand` is a link that all of these joints
+    move.
+    """
+    poses = kinematics.poses(position, [segment.link for segment in part.segments])
+    ends = {s.name: apply(poses[s.link], np.array(s.origin)) for s in part.segments}
+    turns = part.R_TM.T @ kinematics.jacobian(position, hand)[3:]
+    yaw, elbow, pronation = (generic.servo for generic in part.servos[2:])
+    assert yaw is not None
+    assert elbow is not None
+    upper_arm = turns[:, yaw]
+    upper_arm = upper_arm * np.sign(upper_arm @ (part.R_TM.T @ (ends["forearm"] - ends["upper_arm"])))
+    bend = turns[:, elbow] * np.sign(part.servos[3].sense)
+    if pronation is None:
+        return upper_arm, bend, None
+    return upper_arm, bend, turns[:, pronation] * np.sign(part.servos[4].sense)
+
+
+def limit_faults(robot: Robot) -> list[str]:
+    """Commands both arms to random targets far outside their limits.
+
+    Returns one sentence for each violation that the module `checker` finds, and for each reason for which the
+    gate refused a command or held the robot.
+    """
+    driver = SimulatedDriver(robot, world=World(robot, skin=False))
+    generator = np.random.default_rng(4)
+    sent, positions, velocities = [], [], []
+    change = -1
+    control = Control(driver)
+    for moment in control.periods(duration=TARGETS * PACE):
+        joints = moment.reading.joints
+        orders: list[PlatformCommand] = []
+        if int(moment.now / PACE) > change:
+            change = int(moment.now / PACE)
+            for side in SIDES:
+                target = generator.uniform(-2.0, 2.0, len(JOINTS))
+                command = GenericCommand(f"{side}_arm", Mode.POSITION, target)
+                orders.append(to_platform(robot, command, position=joints.position))
+        sent.append(control.act(orders))
+        positions.append(joints.position)
+        velocities.append(joints.velocity)
+    faults = command_violations(robot, sent, positions, driver.period)
+    faults += physics_violations(robot, np.array(positions), np.array(velocities))
+    faults += dict.fromkeys(str(refusal) for safe in sent for refusal in safe.refusals)
+    faults += dict.fromkeys(f"{safe.state.value}: {safe.reason}" for safe in sent if safe.reason)
+    return faults

@@ -23,7 +23,7 @@ EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["option
 HIDDEN = (
     "qi", "cyclonedds", "rosbags", "roslibpy", "pyarrow", "viser", "av", "py_trees", "lcm", "zenoh",
     "gymnasium", "trimesh", "collada", "rclpy", "rospy", "yarp", "icub-models", "example-robot-data",
-    "onnxruntime",
+    "onnxruntime", "can", "websockets",
 )  # fmt: skip
 """Modules, and distributions that contain robot models, which are hidden in these tests."""
 ELSEWHERE = {
@@ -63,6 +63,8 @@ ALONE = {
     "new-robot arm.urdf": "robots",
     "run tci.capabilities.behaviour_tree:BehaviourTree nao": "behaviours",
     "run policy.onnx nao": "onnx",
+    "hand linkerhand:can0,side=left": "linkerhand",
+    "hand xela:127.0.0.1": "xela",
     "run tci.learn.withdrawal_env:WithdrawalEnv nao": "gym",
 }
 CASES = {

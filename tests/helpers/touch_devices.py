@@ -3,6 +3,8 @@ They import nothing of TCI."""
 
 from __future__ import annotations
 
+import json
+import logging
 import socket
 import struct
 import threading
@@ -29,6 +31,8 @@ class TouchDevice(ABC):
     """False if a second client is refused at once."""
     most = 4095
     """Largest value of a taxel."""
+    needs = ""
+    """Module without which it can't be played."""
 
     def __init__(self) -> None:
         self.values: dict[str, list[int]] = {pad: [0] * size for pad, size in self.pads.items()}
@@ -207,3 +211,100 @@ class TcpLines(Lines):
                 time.sleep(self.period)
         for link in links:
             link.close()
+
+
+class Linkerhand(TouchDevice):
+    """The right hand on a virtual bus of python-can: a message for each row, whose second byte has the row
+    (LinkerHand, linkerhand-ros2-sdk bba0b9d5)."""
+
+    needs = "can"
+    pads: ClassVar = {f"{one}_tip": 72 for one in ("thumb", "index", "middle", "ring", "little")}
+    options, code, columns = "", 0xC6, 6
+    most = 255
+
+    @property
+    def via(self) -> str:
+        return f"linkerhand:bus-{self.port},side=right,interface=virtual{self.options}"
+
+    def plug(self) -> None:
+        import can  # before the thread, as that takes a while
+
+        self._can = can
+        super().plug()
+
+    def serve(self) -> None:
+        can = self._can
+        with can.Bus(f"bus-{self.port}", interface="virtual") as bus:
+            while self._in.is_set():
+                request = bus.recv(0.02)
+                if request is None:
+                    continue
+                self.received.append(bytes((request.arbitration_id,)) + request.data)
+                if request.arbitration_id != 0x27 or request.data[1:] != bytes((self.code,)):
+                    continue  # its client of another author also asks for angles
+                pad = [*self.pads][request.data[0] - 0xB1]
+                self.late()
+                for row, at in enumerate(range(0, self.pads[pad], self.columns)):
+                    if self.lose:
+                        self.lose -= 1
+                        continue
+                    data = bytes(self.values[pad][at + self.short : at + self.columns])
+                    head = bytes((request.data[0], row << 4))
+                    bus.send(can.Message(arbitration_id=0x27, data=head + data, is_extended_id=False))
+
+    def may_be_sent(self, request: bytes) -> bool:
+        return request[0] == 0x27 and 0xB1 <= request[1] <= 0xB5 and request[2:] == bytes((self.code,))
+
+
+class LinkerhandO6(Linkerhand):
+    """The hand with smaller matrices."""
+
+    pads: ClassVar = dict.fromkeys(Linkerhand.pads, 40)
+    options, code, columns = ",matrix=10x4", 0xA4, 4
+
+
+class Xela(TouchDevice):
+    """The maker's server with two sensors: WebSocket and JSON, with values in hexadecimal (XELA,
+    xela_server_ros2 3a890cf6)."""
+
+    needs = "websockets"
+    pads: ClassVar = {"sensor_1": 16, "sensor_3": 24}
+    most = 65535
+
+    @property
+    def via(self) -> str:
+        return f"xela:127.0.0.1:{self.port}"
+
+    def message(self) -> dict[str, object]:
+        found: dict[str, object] = {"message": int(100 * time.monotonic())}
+        for pad, values in self.values.items():
+            points = [word for one in values for word in (32768, 14256, one)][3 * self.short :]
+            found[pad.removeprefix("sensor_")] = {
+                "time": time.time(), "sensor": pad[-1], "model": "XR1944", "taxels": len(values),
+                "data": ",".join(f"{word:04X}" for word in points),
+                "calibrated": [word / 100 for word in points],
+            }  # fmt: skip
+        return found
+
+    def serve(self) -> None:
+        from websockets.exceptions import ConnectionClosed
+        from websockets.sync.server import ServerConnection, serve
+
+        def talk(link: ServerConnection) -> None:
+            link.send(json.dumps({"message": "Welcome"}))
+            with suppress(ConnectionClosed):
+                while self._in.is_set():
+                    self.late()
+                    if self.lose:
+                        self.lose -= 1
+                    else:
+                        link.send(json.dumps(self.message()))
+                    with suppress(TimeoutError):
+                        self.received.append(str(link.recv(timeout=0.02)).encode())
+
+        with serve(talk, "127.0.0.1", self.port, logger=logging.getLogger("xela")) as server:
+            thread = threading.Thread(target=server.serve_forever, daemon=True)
+            thread.start()
+            while self._in.is_set():
+                time.sleep(0.02)
+            server.shutdown()

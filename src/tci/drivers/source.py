@@ -51,7 +51,7 @@ class Source(ABC):
     """The device's own joints, if it measures them."""
     writes: ClassVar[str] = "nothing"
     """What is sent to the device, in words. Nothing else may be: no zeroing, no calibration."""
-    device: ClassVar[str] = ""
+    device: str = ""
     """Name in the table of tactile devices, which knows rows and columns; empty if it is not there."""
     wants: frozenset[str] = frozenset()
     """Pads that the robot has a patch for; the others need not be read. Set before `open`."""

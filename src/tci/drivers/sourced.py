@@ -61,7 +61,8 @@ class Address:
         for name, _ in self.options:
             if name not in valid:
                 raise UnknownNameError(f"option of the source {self.name!r}", name, [*valid, "side", "patch"])
-        return factory(self.address, **dict(self.options))
+        side = {"side": self.side} if "side" in valid and self.side else {}
+        return factory(self.address, **dict(self.options), **side)
 
 
 def patches_of(robot: Robot, via: Address, source: Source) -> dict[str, Patch]:

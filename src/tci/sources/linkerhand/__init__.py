@@ -1,0 +1,1 @@
+"""LinkerHand, hands with a matrix of touch on each finger tip, over CAN."""

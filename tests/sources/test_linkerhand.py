@@ -1,0 +1,63 @@
+"""A LinkerHand on a virtual bus, where another author's client and ours read the same stand-in."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+
+import pytest
+
+import tci
+from helpers import ROOT, TESTS
+from helpers.peers import peer_python
+
+pytestmark = pytest.mark.timeout(60)
+BOTH = """
+import json, os, sys, time
+from helpers.touch_devices import Linkerhand, LinkerhandO6
+from linkerbot import L6, O6
+from tci.drivers.source_reader import SourceReader
+from tci.sources.linkerhand.source import LinkerhandSource
+found = []
+for make, client, matrix in ((Linkerhand, L6, "12x6"), (LinkerhandO6, O6, "10x4")):
+    hand = make()
+    hand.number()
+    hand.plug()
+    time.sleep(0.1)
+    theirs = client("right", f"bus-{hand.port}", interface_type="virtual")
+    theirs.stop_polling()
+    data = theirs.force_sensor.get_blocking(timeout_ms=5000)
+    names = {"pinky": "little"}
+    theirs_read = {
+        f"{names.get(one, one)}_tip": getattr(data, one).values.ravel().tolist()
+        for one in ("thumb", "index", "middle", "ring", "pinky")
+    }
+    theirs.close()
+    source = LinkerhandSource(f"bus-{hand.port}", side="right", interface="virtual", matrix=matrix)
+    ours = SourceReader("hand", source, source.pads)
+    ours.wait(5.0)
+    found.append([theirs_read, {pad: state.values.tolist() for pad, state in ours.pads.items()}])
+    ours.close()
+    hand.unplug()
+print(json.dumps(found), flush=True)
+os._exit(0)
+"""
+
+
+def test_another_authors_client_reads_the_same_values() -> None:
+    paths = os.pathsep.join((str(ROOT / "src"), str(TESTS)))
+    done = subprocess.run(
+        [peer_python("hands"), "-c", BOTH],
+        env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert not done.returncode, done.stderr
+    for (theirs, ours), size in zip(json.loads(done.stdout), (72, 40), strict=True):
+        assert ours == theirs
+        assert [len(values) for values in ours.values()] == 5 * [size]
+
+
+def test_which_hand_must_be_said() -> None:
+    pytest.importorskip("can", reason="did not run: needs python-can; to get it: make test")
+    with pytest.raises(tci.errors.DriverError, match=r"side=left or side=right, matrix=12x6 or 10x4"):
+        tci.connect("g1-inspire", "sim + linkerhand:can0")

@@ -7,7 +7,6 @@ command, an encoder that jumps or freezes, or identical data with new stamps.
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
@@ -62,8 +61,8 @@ class MonitorSettings:
     """Angle [rad] by which the angle of a joint may change between two readings, in addition to the motion at
     the joint's speed limit."""
     frozen: float = 0.1
-    """Time [s] for which an angle may stay exactly constant while its reference moves, or for which a reading
-    may be repeated with new stamps."""
+    """Time [s] for which an angle may stay exactly constant while its reference is away from where it was by
+    half of `frozen_travel`, or for which a reading may be repeated with new stamps."""
     frozen_travel: float = np.deg2rad(3.0)
     """The encoder counts as frozen if the measured angle stays exactly constant, although the joint moves by
     more than this angle [rad] according to its reference or its measured velocity."""
@@ -132,17 +131,16 @@ class JointMonitor:
         self._modes: tuple[Mode, ...] = ()
         self._kinds = Kinds(np.zeros(0, bool), np.zeros(0, bool))
         self._fresh = np.inf
-        never = [np.full(count, np.inf) for _ in range(6)]
+        never = [np.full(count, np.inf) for _ in range(7)]
         self._monitor = Monitor(
             self._limits,
             self._numbers,
             Readings(*np.zeros((4, count))),
-            Motions(never[0], never[1], never[2], origin=np.zeros(count)),
+            Motions(never[0], never[1], never[2], never[6], origin=np.zeros(count)),
             Drifts(np.zeros(count), weakest=never[3], strongest=-never[4], pushed_since=never[5]),
             self._worst,
         )
         self._other_mode: dict[int, float] = {}
-        self._sent: deque[tuple[float, Array]] = deque()
 
     def step(
         self,
@@ -167,8 +165,7 @@ class JointMonitor:
         kinds = self._kinds
         if excused:
             kinds = kinds._replace(follows=kinds.follows & ~np.isin(reference.servos, [*excused]))
-        lagging = self._lagging(reference, joints.stamp)
-        sent = Sent(*np.array([reference.position, reference.velocity, lagging]))
+        sent = Sent(*np.array([reference.position, reference.velocity]))
         found = judge_reading(
             self._monitor, reference.servos, kinds, sent, pushed, joints.position, joints.velocity,
             joints.stamp, elapsed,
@@ -188,17 +185,6 @@ class JointMonitor:
             return self._misled_by(found, reference)
         fault = self._fault_of_state(joints, reference)
         return fault if fault is not None or found == FOLLOWS else self._fault_of_motion(found, reference)
-
-    def _lagging(self, reference: Reference, stamp: float) -> Array:
-        """References (k,) [rad] that even a slow servo must have begun to follow."""
-        whole = np.full(len(self._names), np.nan)
-        whole[reference.servos] = reference.position
-        sent = self._sent
-        sent.append((stamp, whole))
-        while len(sent) > 1 and sent[1][0] <= stamp - self.settings.lag:
-            sent.popleft()
-        lagging: Array = sent[0][1][reference.servos]
-        return np.where(np.isfinite(lagging), lagging, reference.position)
 
     def _jumped(self, elapsed: float) -> Reason:
         """Returns the reason to stop for an angle that changed too much within `elapsed` [s]."""

@@ -17,8 +17,8 @@ def since(begin: Array, holds: Array, now: float) -> Array:
 
 
 def oracle(
-    judged: Array, now: Array, before: Array, position: Array, velocity: Array, lagging: Array, stamp: float,
-    elapsed: float, memory: at.Motions,
+    judged: Array, now: Array, before: Array, position: Array, velocity: Array, stamp: float, elapsed: float,
+    memory: at.Motions,
 ) -> tuple[int, int]:  # fmt: skip
     """Returns the fault and the servo with the fault, for servos that are all commanded."""
     following, lag, patience, opposing, least, repeat, travel = SETTINGS[:7]
@@ -34,8 +34,9 @@ def oracle(
     repeats = judged & (now == before)
     begins = ~(repeats & np.isfinite(memory.repeats_since))
     memory.origin[begins] = position[begins]
-    lasted = since(memory.repeats_since, repeats, stamp)
-    way = np.minimum(np.abs(position - memory.origin), np.abs(lagging - now))
+    since(memory.repeats_since, repeats, stamp)
+    way = np.abs(position - memory.origin)
+    lasted = since(memory.left_since, repeats & (way > 0.5 * travel), stamp)
     frozen = (lasted > repeat) & (way > travel)
     return (at.FROZEN, int(np.argmax(frozen))) if frozen.any() else (at.FOLLOWS, -1)
 
@@ -45,19 +46,19 @@ def test_it_finds_what_numpy_finds(seed: int) -> None:
     random = np.random.default_rng(seed)
     n, step = 6, 0.01
     judged = random.random(n) < 0.8
-    memories = [at.Motions(*np.full((3, n), np.inf), np.zeros(n)) for _ in range(3)]
+    memories = [at.Motions(*np.full((4, n), np.inf), np.zeros(n)) for _ in range(3)]
     servos, worst, found = np.arange(n), np.zeros(2), set()
     measured, position, velocity = np.zeros(n), np.zeros(n), np.zeros(n)
     for k in range(1, 400):
         if k % 10 == 0:
             velocity = random.choice([0.0, 0.3, -0.3, 1.0], n)
             moving = random.choice([1.0, 1.0, 0.0, -1.0, 0.5], n)
-        position, lagging = position + step * velocity, position
+        position = position + step * velocity
         before, measured = measured, measured + (step * velocity * moving if k >= 10 else 0.0)
-        wanted = oracle(judged, measured, before, position, velocity, lagging, step * k, step, memories[0])
+        wanted = oracle(judged, measured, before, position, velocity, step * k, step, memories[0])
         readings = at.Readings(measured, velocity, before, velocity)
         kinds = at.Kinds(judged, judged)
-        sent = at.Sent(position, velocity, lagging)
+        sent = at.Sent(position, velocity)
         seen = (servos, kinds, readings, sent, SETTINGS, step * k, step)
         plain = np.zeros(2)
         in_python = at.judge_motion.py_func(*seen, memories[2], plain)
@@ -151,8 +152,8 @@ def test_a_reading_is_noted_and_an_angle_that_jumps_is_found(elapsed: float) -> 
     fastest = np.array([1.0, 1.0, np.inf, 1.0])
     limits = at.Limits(np.full(count, 2.0), np.full(count, 10.0), fastest)
     readings, worst = at.Readings(*np.zeros((4, count))), np.zeros(2)
-    motions, drifts = at.Motions(*np.zeros((4, count))), at.Drifts(*np.zeros((4, count)))
-    kinds, sent = at.Kinds(*np.zeros((2, 0), bool)), at.Sent(*np.zeros((3, 0)))
+    motions, drifts = at.Motions(*np.zeros((5, count))), at.Drifts(*np.zeros((4, count)))
+    kinds, sent = at.Kinds(*np.zeros((2, 0), bool)), at.Sent(*np.zeros((2, 0)))
     none = np.zeros(0, np.intp), kinds, sent, np.zeros(0)
     for _ in range(60):
         before, speed_before = readings.angle.copy(), readings.speed.copy()

@@ -100,7 +100,7 @@ def test_19_wrong_direction(driver: SimulatedDriver) -> None:
 
 
 def test_20_stale_encoder(driver: SimulatedDriver) -> None:
-    assert Rehearsal(driver, "stale-encoder").stopped_after() < 0.4
+    assert Rehearsal(driver, "stale-encoder").stopped_after() < 0.3
 
 
 def test_21_stall(driver: SimulatedDriver) -> None:

@@ -93,8 +93,6 @@ class Sent(NamedTuple):
     """Angles [rad]."""
     velocity: Array
     """Velocities [rad/s]."""
-    lagging: Array
-    """Angles [rad] that were sent a lag ago."""
 
 
 class Motions(NamedTuple):
@@ -106,6 +104,8 @@ class Motions(NamedTuple):
     """Times [s] at which servos began to move against their references; infinity for others."""
     repeats_since: Array
     """Times [s] at which servos began to repeat their angles; infinity for others."""
+    left_since: Array
+    """Times [s] since which the references are far from `origin`; infinity for others."""
     origin: Array
     """References [rad] at the times when the angles began to repeat."""
 
@@ -142,7 +142,7 @@ MONITOR = record(
     record(Limits, *3 * [writes(1)]),
     record(Settings, *10 * [float64]),
     record(Readings, *4 * [writes(1)]),
-    record(Motions, *4 * [writes(1)]),
+    record(Motions, *5 * [writes(1)]),
     record(Drifts, *4 * [writes(1)]),
     writes(1),
 )
@@ -198,7 +198,7 @@ def judge_motion(
     In case of a fault, writes into `worst` (2,) the index of the servo in `servos` and, except for OPPOSED,
     an angle [rad]: the distance from the reference (LATE) or the motion of the reference (FROZEN).
     """
-    position, velocity, lagging = sent.position, sent.velocity, sent.lagging
+    position, velocity = sent.position, sent.velocity
     longest = -1.0
     for k in range(len(servos)):
         servo = servos[k]
@@ -230,7 +230,8 @@ def judge_motion(
             memory.origin[servo] = position[k]
         way = abs(position[k] - memory.origin[servo])
         # at the start of a motion a healthy joint stands too, until it has to follow even with its lag
-        way = min(way, abs(lagging[k] - readings.angle[servo]))
+        left = repeats and way > 0.5 * settings.frozen_travel
+        begin = memory.left_since[servo] = min(memory.left_since[servo], now) if left else float("inf")
         if found == FOLLOWS and now - begin > settings.frozen and way > settings.frozen_travel:
             found, worst[0], worst[1] = FROZEN, k, way
     return found
@@ -302,7 +303,7 @@ def judge_velocity(
 
 @compiled(
     int64(
-        MONITOR, views(1, int64), record(Kinds, *2 * [writes(1, boolean)]), record(Sent, *3 * [writes(1)]),
+        MONITOR, views(1, int64), record(Kinds, *2 * [writes(1, boolean)]), record(Sent, *2 * [writes(1)]),
         views(1), views(1), views(1), float64, float64,
     )
 )  # fmt: skip

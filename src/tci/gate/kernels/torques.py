@@ -179,8 +179,9 @@ def limit_torques(
             left = max(limits.upper[k] - q if way > 0.0 else q - limits.lower[k], 0.0)
             speed, net = way * v, way * load
             # what was sent since the reading has already changed the speed
+            soon = speed + (way * measured.since_speed[i] + net * unseen) / inertia
             ahead = max(
-                speed + (way * measured.since_speed[i] + net * unseen) / inertia,
+                soon,
                 way * mean + (way * measured.since_slope[i] + net * (unseen + times.half)) / inertia,
                 min(speed, 0.0),
             )
@@ -197,7 +198,9 @@ def limit_torques(
                 given = way * max(min(abs(risen) * min(left / FADE, 1.0), bound), 0.0)
             # if angles repeat, or move opposite to the velocity, braking would drive the joint
             if bound < 0.0 < speed and mean != 0.0 and mean * v >= -0.5 * v * v:
-                least = -inertia * max(ahead, 0.0) / late - min(speed / SLOW, 1.0) * max(net, 0.0)
+                share = min(speed / SLOW, 1.0)
+                ends = max(soon + share * (ahead - soon), 0.0)
+                least = -(2.0 - share) * inertia * ends / late - share * max(net, 0.0)
                 # twice what the links alone need: a motor has inertia too
                 brake = way * max(bound - inertia * max(ahead - safe, 0.0) / late, least)
         if brake != 0.0:

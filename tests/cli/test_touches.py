@@ -5,10 +5,17 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
+
 from helpers.command_line import tci
 from tci.body.generic_body import GenericBody
+from tci.cli.touching import example_touch
+from tci.errors import TciError
 from tci.lab.experiments.proof import touch_trials
 from tci.robot.catalogue import load_robot
+from tci.simulation.hand import Hand
+from tci.simulation.hand_path import HandPath
+from tci.simulation.world import World
 from tci.touches import Touch, plan, write_touches
 
 STROKE = "stroke 'left forearm back' 0.3..0.7 3N 8cm/s"
@@ -54,3 +61,20 @@ def test_demo_and_check_take_the_same_words() -> None:
     trials, faults = touch_trials(robot, plan(GenericBody(robot), ["press 'top of head' 4N 0.3s"]))
     assert (trials[0].patch, trials[0].felt_n > 0.0, faults) == ("head", True, [])
     assert "add --simulate" in tci("check", "nao", "--touch", STROKE, status=1)
+
+
+def test_the_example_is_a_touch_that_has_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    world, touch = World(load_robot("nao"), people=1), Hand.touch
+    assert example_touch(world) == "stroke 'left forearm' 3N 8cm/s"
+    blocked = world.robot.patch("left_forearm").link
+
+    def narrow(hand: Hand, path: HandPath, start: float | None = None) -> None:
+        if path.link == blocked:
+            raise TciError("no room")
+        touch(hand, path, start)
+
+    monkeypatch.setattr(Hand, "touch", narrow)
+    words = example_touch(world)
+    (planned,) = plan(GenericBody(world.robot), words)
+    assert world.robot.patch(planned.patch).link != blocked
+    assert not any(hand.busy for hand in world.person().hands)

@@ -50,12 +50,12 @@ def serve(
 
     Example:  tci serve nao --via zenoh --touch "stroke 'left forearm' 3N 8cm/s"
     """
-    from tci.body.generic_body import GenericBody
     from tci.cli.operator import HINT, Operator
     from tci.cli.touch_desk import TouchDesk
     from tci.cli.touching import ask, example_touch
     from tci.drivers.info import moves_nothing_real
     from tci.drivers.registry import connect, open_server
+    from tci.drivers.simulated import SimulatedDriver
     from tci.errors import DriverError
     from tci.gate.gate import GateState
     from tci.reasons import OTHERS, Reason, ReasonCounter
@@ -84,7 +84,8 @@ def serve(
             console.print(words, highlight=False, markup=False)
         if unreachable and not as_json:
             console.print(unreachable, style="dim", highlight=False, markup=False)
-        if desk and source == "sim" and not as_json and (example := example_touch(GenericBody(described))):
+        world = driver.world if isinstance(driver, SimulatedDriver) else None
+        if desk and world and not as_json and asked is None and (example := example_touch(world)):
             wire = via.partition(":")[0]
             words = f'to touch it, in another terminal: tci touch {robot} --via {wire} "{example}"'
             console.print(words, style="dim", highlight=False, markup=False, soft_wrap=True)

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tci.body.generic_body import GenericBody
 from tci.cli.console import console
 from tci.drivers.driver import Driver
 from tci.drivers.simulated import SimulatedDriver
-from tci.errors import CommandError
+from tci.errors import CommandError, TciError
 from tci.messages import JointReading
 from tci.robot.description import Robot
 from tci.touches.laid import LaidTouches
 from tci.touches.planned_touch import PlannedTouch
+
+if TYPE_CHECKING:
+    from tci.simulation.world import World
 
 AFTER = 1.5
 """Time [s] for which a run goes on after the last touch, if --duration does not say it: the time of a
@@ -89,14 +93,26 @@ def tell_rows(robot: Robot, rows: Sequence[Mapping[str, Any]]) -> None:
             console.print(words, style="yellow", highlight=False, markup=False)
 
 
-def example_touch(body: GenericBody) -> str:
-    """A line of words for a touch that this robot can feel; empty without skin."""
+def example_touch(world: World) -> str:
+    """A line of words for a touch that this robot can feel now, and for which a hand has room; empty if there
+    is none."""
+    from tci.simulation.touching import paths_of
     from tci.touches.places import place_words
+    from tci.touches.planned_touch import plan
 
+    body = GenericBody(world.robot)
     places = [*place_words(body), *(patch.name for patch in body.robot.patches)]
-    if any(words.startswith("left forearm") for words in places):
-        return "stroke 'left forearm' 3N 8cm/s"
-    return f"press '{places[0]}' 3N" if places else ""
+    stroked = [place for place in places if place.startswith("left forearm")][:1]
+    tried = ["stroke 'left forearm' 3N 8cm/s" for _ in stroked] + [f"press '{place}' 3N" for place in places]
+    hand = world.person().right
+    for words in tried:
+        (planned,) = plan(body, words, joints=world.joints())
+        with suppress(TciError):  # no room
+            for path in paths_of(world.robot, planned):
+                hand.touch(path)
+                hand.retire()
+            return words
+    return ""
 
 
 def ask(

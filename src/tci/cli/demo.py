@@ -38,7 +38,7 @@ def demo(
         typer.Option(help="Control mode of the reflex: position, velocity, or impedance (compliant arms)."),
     ] = "position",
     out: Annotated[Path, typer.Option(help="Folder for report.json and demo.png.")] = Path("out"),
-    seed: Annotated[int, typer.Option(min=0, help="Random seed for the times of the pokes.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed for the places and times of the pokes.")] = 0,
     headless: Annotated[
         bool, typer.Option("--headless", help="Do not open the picture or a browser.")
     ] = False,
@@ -67,9 +67,9 @@ def demo(
 ) -> None:
     """Poke simulated robots. All robots respond with the withdrawal reflex.
 
-    A simulated compliant finger pokes five places on both arms, with the reflex and without the reflex. The
-    command prints a table of measurements, draws the measurements in OUT/demo.png, and writes all numbers to
-    OUT/report.json.
+    A simulated compliant finger pokes five taxels anywhere on each arm, with the reflex and without the
+    reflex; --seed draws others. The command prints a table of measurements, draws the measurements in
+    OUT/demo.png, and writes all numbers to OUT/report.json.
 
     --fault NAME@TIME pokes one robot once, injects the named fault at this time in seconds, and prints each
     event immediately. --touch and --touches have people touch one robot instead, in the words of tci run, and
@@ -134,9 +134,10 @@ def _run_trials(
     from tci.cli.bare import tell_bare, tell_lacks
     from tci.drivers.combined_server import JOIN
     from tci.lab.authoring.dense_skin import with_skin_rate
-    from tci.lab.experiments.experiment import run_experiment, trial_places
+    from tci.lab.experiments.experiment import run_experiment
     from tci.lab.experiments.pictures import draw_demo
     from tci.lab.experiments.remote_trial import try_server
+    from tci.lab.experiments.trial_places import trial_count
 
     robots = load_robots(names)
     if via is not None:
@@ -149,7 +150,7 @@ def _run_trials(
     out.mkdir(parents=True, exist_ok=True)
     columns = (TextColumn("{task.description:<44}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with told_here(), Progress(*columns, console=console, disable=as_json) as progress:
-        total = sum(len(trial_places(robot, reflex)) for robot in robots)
+        total = sum(map(trial_count, robots))
         task = progress.add_task("building the worlds", total=total + 1)
 
         def advance(trial: Trial) -> None:
@@ -206,7 +207,8 @@ def _table(report: Report, mode: str) -> Table:
 
     table = Table(
         title=f"One reflex on every robot, in {mode} mode: a finger pokes, the arm withdraws",
-        caption="Times count from the first contact. command: first command of the reflex; motion: first "
+        caption="A site is a patch and a taxel, drawn anywhere on the arms with --seed. Times count from the "
+        "first contact. command: first command of the reflex; motion: first "
         "motion of a joint; lost: the finger no longer touches; peak: largest force of the finger; CoP: "
         "error of the centre of pressure; away: distance that the skin withdrew; without: that distance with "
         "the reflex switched off; limits broken: number of limits that a command or a motion exceeded.",

@@ -1,5 +1,5 @@
-"""Trials of `tci demo`: one poke for every robot, side and receptive field; then two comparisons of the
-robots, with the same contact (`same_stimulus`) and with the same pressure (`same_touch`)."""
+"""Trials of `tci demo`: pokes anywhere on the arms of every robot; then two comparisons of the robots, with
+the same contact (`same_stimulus`) and with the same pressure (`same_touch`)."""
 
 from __future__ import annotations
 
@@ -9,19 +9,17 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from tci.body.generic_body import GenericBody
-from tci.body.touchable import Touchable, touchable
+from tci.body.touchable import touchable
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.lab.experiments.measure import Trial, measure
 from tci.lab.experiments.poke import Stimulus, poke_place
 from tci.lab.experiments.remote_trial import RemoteTrial
 from tci.lab.experiments.same_stimulus import SameStimulus, initial_joints, same_stimulus
 from tci.lab.experiments.same_touch import SameTouch, same_touch
+from tci.lab.experiments.trial_places import PER_ARM, SIDES, trial_places
 from tci.robot.description import Robot
-from tci.simulation.poke_first import poke_first
 from tci.simulation.world import World
 from tci.skin.skin import Skin
-
-SIDES = ("left", "right")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +45,10 @@ def trials_of(
     seed: int,
     via: str | None = None,
     sides: Sequence[str] = SIDES,
+    count: int = PER_ARM,
 ) -> Iterator[Trial]:
-    """Pokes the centre of every receptive field of `reflex` on the arms of one robot, with and without the
-    reflex, or what else the robot can feel with (`trial_places`).
+    """Pokes `count` taxels anywhere on each arm of one robot, with and without the reflex, or what else the
+    robot can feel with (`trial_places`).
 
     In the trials without the reflex, the arms keep their posture in the control mode of `reflex`. If `via`
     names a middleware, the reflex runs in another process and reaches the robot through this middleware.
@@ -57,30 +56,11 @@ def trials_of(
     nothing = replace(reflex, fields=())
     world = World(robot, seed=seed)
     with RemoteTrial(robot, via, reflex) if via else nullcontext() as elsewhere:
-        for index, one in enumerate(trial_places(robot, reflex, sides)):
-            name = one.place.patch if one.site is None else reflex.fields[one.site].name
-            if one.site is None and not _has_room(world, one):
-                continue
-            own = seed + index
-            held = poke_place(world, one.place, stimulus, reflex=nothing, seed=own)
-            acted = poke_place(world, one.place, stimulus, reflex=reflex, seed=own, elsewhere=elsewhere)
-            yield measure(robot, one.part, name, acted, held)
-
-
-def trial_places(robot: Robot, reflex: WithdrawalReflex, sides: Sequence[str] = SIDES) -> list[Touchable]:
-    """Where `trials_of` pokes: the fields' centres that have skin, or on a robot without any the middle of
-    each patch."""
-    joints = initial_joints(robot)
-    found = [*touchable(Skin(robot), joints, [field.place for field in reflex.fields])]
-    arms = [one for one in found if one.site is not None and robot.part(one.part).side in sides]
-    return arms or [one for one in found if one.site is None]
-
-
-def _has_room(world: World, one: Touchable) -> bool:
-    world.reset()
-    found = poke_first(world, [one], speed=1.0, depth=0.0)
-    world.finger.retire()
-    return found is not None
+        for index, one in enumerate(trial_places(world, sides, count=count, seed=seed)):
+            own, poke = seed + index, replace(stimulus, depth=min(stimulus.depth, one.deepest))
+            held = poke_place(world, one.place, poke, reflex=nothing, seed=own)
+            acted = poke_place(world, one.place, poke, reflex=reflex, seed=own, elsewhere=elsewhere)
+            yield measure(robot, one.part, one.name, acted, held)
 
 
 def run_experiment(
@@ -108,7 +88,7 @@ def run_experiment(
         for trial in trials_of(robot, reflex, stimulus=stimulus or Stimulus(), seed=seed, via=via):
             trials.append(trial)
             progress(trial)
-    whole = [robot for robot in robots if len(trial_places(robot, reflex)) == len(SIDES) * len(reflex.fields)]
+    whole = [robot for robot in robots if _has_every_field(robot, reflex)]
     bodies = [GenericBody(robot) for robot in whole]
     return Report(
         tuple(trials),
@@ -116,3 +96,8 @@ def run_experiment(
         same_touch(bodies, reflex, seed=seed),
         tuple(robot.name for robot in whole),
     )
+
+
+def _has_every_field(robot: Robot, reflex: WithdrawalReflex) -> bool:
+    found = touchable(Skin(robot), initial_joints(robot), [field.place for field in reflex.fields])
+    return sum(one.site is not None for one in found) == len(SIDES) * len(reflex.fields)

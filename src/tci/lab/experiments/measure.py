@@ -30,6 +30,7 @@ class Trial:
     """Generic part that the finger poked."""
     side: str
     site: str
+    """Patch and taxel, as `World.finger.poke` takes them, or the receptive field whose centre was poked."""
     taxels: int
     """Number of taxels of the patch that the finger poked."""
     responded: bool
@@ -52,8 +53,7 @@ class Trial:
     """Distance [mm] along the skin between TCI's centre of pressure and the contact point of the physics
     simulation, at the time of the largest force. None if TCI found no contact."""
     withdrawn_mm: float
-    """Displacement [mm] of the skin along its inward normal, at the centre of the receptive field, at the end
-    of the trial."""
+    """Displacement [mm] of the poked point of the skin along its inward normal, at the end of the trial."""
     withdrawn_without_reflex_mm: float
     limit_violations: int
     violations: tuple[str, ...]

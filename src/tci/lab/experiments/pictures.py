@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.body.touchable import Touchable
+from tci.body.touchable import Touchable, touchable
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.lab.experiments.experiment import trial_places
 from tci.lab.experiments.figure import Panel, draw_figure
 from tci.lab.experiments.poke import Stimulus, Trace, poke_place
 from tci.lab.pictures.camera import Camera, fit, look_at, project
@@ -24,6 +23,7 @@ from tci.robot.description import Robot
 from tci.runtime.loop import Tick
 from tci.simulation.poke_first import poke_first
 from tci.simulation.world import World
+from tci.skin.skin import Skin
 
 # Views, sizes and the caption are assumed. They change only the figure.
 PART = "left_arm"
@@ -101,7 +101,8 @@ def _shown(world: World, reflex: WithdrawalReflex) -> list[Touchable]:
     skin."""
     world.reset()
     names = [field.name for field in reflex.fields]
-    found = [one for one in trial_places(world.robot, reflex) if poke_first(world, [one], **NEAR)]
+    places = touchable(Skin(world.robot), world.joints(), [field.place for field in reflex.fields])
+    found = [one for one in places if poke_first(world, [one], **NEAR)]
     best = [one for one in found if one.part == PART and one.site is not None and names[one.site] in VIEWS]
     return (best or found * 2)[:2]
 

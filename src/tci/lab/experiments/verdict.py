@@ -12,7 +12,7 @@ from tci.body.posture import to_platform
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DescriptionError, TciError
 from tci.lab.experiments.checker import command_violations, physics_violations
-from tci.lab.experiments.experiment import SIDES
+from tci.lab.experiments.trial_places import SIDES
 from tci.messages import GenericCommand, Mode, PlatformCommand
 from tci.messages.frames import Array, angle_between, apply
 from tci.robot.description import GenericPart, Robot

@@ -17,8 +17,19 @@ from tci.errors import CommandError, TciError, UnknownNameError
 from tci.messages.frames import Array, read_only, transform
 from tci.robot.collisions import PERSON
 from tci.robot.neutral import neutral
-from tci.simulation import hand_control as at
-from tci.simulation.hand_path import PADS, Ballistics, HandPath, plan_of, turn_of, turns_of
+from tci.simulation.hand_control import (
+    AWAY,
+    DOFS,
+    HAND,
+    MOMENT,
+    NOTED,
+    RING,
+    SEEN,
+    SLOTS,
+    TRACE,
+    WINDOW,
+)
+from tci.simulation.hand_path import PADS, Ballistics, HandPath, Moments, plan_of, turn_of, turns_of
 from tci.simulation.physics import Physics, exclusive
 from tci.simulation.touch import FINGER_PRIORITY, FRICTION, skin_geom, stiff
 from tci.skin.surfaces import Surface
@@ -110,7 +121,7 @@ def add_hand(spec: mujoco.MjSpec, name: str, person: PersonModel, *, step: float
               mujoco.mjtConDataField.mjCONDATA_POS)  # fmt: skip
     spec.add_sensor(
         name=name, type=mujoco.mjtSensor.mjSENS_CONTACT, objtype=mujoco.mjtObj.mjOBJ_XBODY, objname=name,
-        intprm=[sum(1 << int(field) for field in fields), 2, at.SLOTS],
+        intprm=[sum(1 << int(field) for field in fields), 2, SLOTS],
     )  # fmt: skip
 
 
@@ -131,41 +142,33 @@ class Hands:
         self.physics, model, data = physics, physics.model, physics.data
         self.names = tuple(people)
         count = len(people)
-        self.whole, self.state = np.zeros((count, at.WHOLE), np.int64), np.zeros((count, at.STATE))
-        self.plans: list[Array] = [np.zeros((0, at.PAD_BEGIN + at.EACH * at.PADS))] * count
-        self.memory = np.zeros((count * at.RING, 9))
-        self.traces = np.zeros((count * at.TRACE, at.NOTED))
-        for k, (name, person) in enumerate(people.items()):
-            whole, joint = self.whole[k], model.joint(f"{name}_x")
-            whole[at.QPOS], whole[at.DOF] = joint.qposadr[0], joint.dofadr[0]
-            whole[at.CTRL], whole[at.FELT] = model.actuator(f"{name}_x").id, model.sensor(name).adr[0]
-            whole[at.BODY], whole[at.DELAY] = (
-                model.body(f"{name}_palm").id,
-                round(person.delay / physics.step),
-            )
-            if round((person.delay + at.WINDOW) / physics.step) >= at.RING:
+        self.states = np.zeros(count, HAND)
+        self.plans: list[Moments] = [np.zeros(0, MOMENT)] * count
+        self.memories, self.traces = np.zeros((count, RING), SEEN), np.zeros((count, TRACE), NOTED)
+        for state, (name, person) in zip(self.states, people.items(), strict=True):
+            joint = model.joint(f"{name}_x")
+            state["joint"], state["dof"] = joint.qposadr[0], joint.dofadr[0]
+            state["actuator"], state["sensor"] = model.actuator(f"{name}_x").id, model.sensor(name).adr[0]
+            state["pads"] = model.body(f"{name}_palm").id
+            state["delay"] = max(1, round(person.delay / physics.step))
+            if round((person.delay + WINDOW) / physics.step) >= RING:
                 raise CommandError(
-                    f"step {physics.step} is too short for people; valid: from {0.55 / at.RING:.1g} s on"
+                    f"step {physics.step} is too short for people; valid: from {0.55 / RING:.1g} s on"
                 )
-            self.state[k, at.STIFFNESS : at.STATE] = (
-                person.arm, 2.0 * ARM_DAMPING * np.sqrt(person.arm * person.mass), person.pad,
-                2.0 * np.pi * person.bandwidth,
-            )  # fmt: skip
-        self._others = (
-            data.xpos, data.xquat, model.body_pos, model.body_quat, data.qpos, data.qvel,
-        )  # fmt: skip
+            state["stiffness"], state["pad"] = person.arm, person.pad
+            state["damping"] = 2.0 * ARM_DAMPING * np.sqrt(person.arm * person.mass)
+            state["omega"] = 2.0 * np.pi * person.bandwidth
+        self._others = data.xpos, data.xquat, model.body_pos, model.body_quat, data.qpos, data.qvel
         self.arrays: tuple[Any, ...] = ()
         """Arguments of the compiled loop, as `hand_control.HANDS` says."""
         self.renew()
 
     def renew(self) -> None:
         """Puts the plans of all hands into one array."""
-        begins = np.cumsum([0, *map(len, self.plans)])
-        self.whole[:, at.FIRST], self.whole[:, at.COUNT] = begins[:-1], np.diff(begins)
-        plans = np.concatenate(self.plans) if self.plans else np.zeros((0, 1))
-        self.arrays = (
-            self.whole, self.state, plans, self.memory, self.traces, *self._others,
-        )  # fmt: skip
+        lengths = [len(plan) for plan in self.plans]
+        self.states["first"], self.states["count"] = np.cumsum([0, *lengths])[:-1], lengths
+        plans = np.concatenate([np.zeros(0, MOMENT), *self.plans])
+        self.arrays = self.states, plans, self.memories, self.traces, *self._others
 
 
 class Hand:
@@ -175,7 +178,7 @@ class Hand:
         self, hands: Hands, number: int, person: PersonModel, surfaces: Mapping[str, Surface]
     ) -> None:
         self._hands, self._number, self._physics = hands, number, hands.physics
-        self._whole, self._state = hands.whole[number], hands.state[number]
+        self._state = hands.states[number]
         self.name, self.person = hands.names[number], person
         model = self._physics.model
         self._geoms = [model.geom(f"{self.name}_{pad}").id for pad in PADS]
@@ -222,7 +225,7 @@ class Hand:
     @exclusive
     def retire(self) -> None:
         """Takes the hand away at once, and forgets what it was to do and its measurements."""
-        self._whole[at.ACTIVE] = 0
+        self._state["active"] = 0
         self.waiting.clear()
         self.missed.clear()
         self._park()
@@ -249,27 +252,27 @@ class Hand:
     @property
     def busy(self) -> bool:
         """True from the start of a touch until the hand has gone away."""
-        return bool(self._whole[at.ACTIVE])
+        return bool(self._state["active"])
 
     @property
     def force(self) -> float:
         """Sum of the normal forces [N] on the hand in the latest step."""
-        return float(self._state[at.FORCE])
+        return float(self._state["force"])
 
     @property
     def peak_force(self) -> float:
         """Largest `force` [N] of the touch."""
-        return float(self._state[at.PEAK])
+        return float(self._state["peak"])
 
     @property
     def first_contact(self) -> float | None:
         """Time [s]; None before it."""
-        return float(self._state[at.BEGUN]) if self._whole[at.HIT] else None
+        return float(self._state["begun"]) if self._state["hit"] else None
 
     @property
     def contact_lost(self) -> float | None:
         """Time [s] of the latest loss of contact; None during a contact and before the first one."""
-        lost = float(self._state[at.LOST])
+        lost = float(self._state["lost"])
         return None if np.isnan(lost) else lost
 
     @property
@@ -277,17 +280,17 @@ class Hand:
         """(steps, 10) of the touch: time [s], asked force, contact force, friction [N], centre of the contact
         (3) and place of the hand (3) in the link's frame [m]. The centre is NaN without contact. The last
         40 s at the default step."""
-        count, begin = int(self._whole[at.TRACED]), self._number * at.TRACE
-        rows = self._hands.traces[begin : begin + at.TRACE]
-        return rows[:count].copy() if count <= at.TRACE else np.roll(rows, -count, axis=0)
+        count, kept = int(self._state["traced"]), self._hands.traces[self._number].view(float)
+        rows: Array = kept.reshape(TRACE, -1)
+        return rows[:count].copy() if count <= TRACE else np.roll(rows, -count, axis=0)
 
     @property
     def asked(self) -> float:
         """Force [N] that the hand was to press with in the latest step; 0 without a touch."""
-        traced = int(self._whole[at.TRACED])
+        traced = int(self._state["traced"])
         if not (self.busy and traced):
             return 0.0
-        return float(self._hands.traces[self._number * at.TRACE + (traced - 1) % at.TRACE, 1])
+        return float(self._hands.traces[self._number, (traced - 1) % TRACE]["asked"])
 
     @property
     def physics(self) -> Physics:
@@ -295,18 +298,19 @@ class Hand:
 
     def tip(self, pad: str = "index") -> Array:
         """Pose (4, 4) of a pad in the world: its tip, with z into the skin."""
-        data, body = self._physics.data, int(self._whole[at.BODY]) + PADS.index(pad)
+        data, body = self._physics.data, int(self._state["pads"]) + PADS.index(pad)
         return transform(data.xmat[body].reshape(3, 3), np.array(data.xpos[body]))
 
     # ------------------------------------------------------------------ what it does from moment to moment
 
     @exclusive
-    def replan(self, rows: ArrayLike) -> None:
-        """What to do from the next step on: rows of a plan (`hand_control.BASE`). Then the hand goes away."""
-        now = min(self._physics.steps - 1 - int(self._whole[at.START]), int(self._whole[at.COUNT]) - 1)
-        self._hands.plans[self._number] = np.vstack([self._hands.plans[self._number][max(now, 0)], rows])
+    def replan(self, moments: Moments) -> None:
+        """What to do from the next step on. Then the hand goes away."""
+        state, plan = self._state, self._hands.plans[self._number]
+        now = min(max(int(state["guided"] - state["start"]), 0), len(plan) - 1)
+        self._hands.plans[self._number] = np.concatenate([plan[now : now + 1], moments])
         self._hands.renew()
-        self._whole[at.START] = self._physics.steps - 1
+        state["start"] = state["guided"]
 
     @exclusive
     def height(self, link: str, pad: str, point: ArrayLike, normal: ArrayLike) -> float:
@@ -330,7 +334,7 @@ class Hand:
     # ------------------------------------------------------------------ how it begins
 
     def _begin(self, path: HandPath) -> None:
-        physics, model, whole = self._physics, self._physics.model, self._whole
+        physics, model = self._physics, self._physics.model
         physics.refresh()
         link = model.body(path.link).id
         self._open(path, link)
@@ -346,13 +350,14 @@ class Hand:
         self._hands.plans[self._number] = plan
         self._hands.renew()
         self._clear()
-        whole[at.LINK], whole[at.START], whole[at.ACTIVE] = link, physics.steps, 1
+        state, steps = self._state, physics.steps
+        state["link"], state["start"], state["guided"], state["active"] = link, steps, steps - 1, 1
         self._watch(link)
         target = self._pose(plan[0], link)
-        dof, joint = whole[at.DOF], whole[at.QPOS]
+        dof, joint = state["dof"], state["joint"]
+        physics.qpos[joint : joint + DOFS] = physics.qvel[dof : dof + DOFS] = 0.0
         physics.qpos[joint : joint + 3], physics.qvel[dof : dof + 3] = target, self._velocity(link, target)
-        physics.qpos[joint + 3 : joint + 9] = physics.qvel[dof + 3 : dof + 9] = 0.0
-        self._state[at.LAST : at.LAST + 3] = physics.ctrl[whole[at.CTRL] :][:3] = target
+        state["target"] = physics.ctrl[state["actuator"] :][:3] = target
         physics.touch()
 
     def _open(self, path: HandPath, link: int) -> None:
@@ -380,20 +385,20 @@ class Hand:
         p, q, twist = data.xpos[link], data.xquat[link], np.zeros(6)
         mujoco.mj_objectVelocity(self._physics.model, data, mujoco.mjtObj.mjOBJ_XBODY, link, twist, 0)
         w, v = twist[:3], twist[3:]
-        memory = self._hands.memory[self._number * at.RING : (self._number + 1) * at.RING]
-        memory[:, 7:] = 0.0
+        memory = self._hands.memories[self._number]
+        memory["felt"] = memory["wanted"] = 0.0
         speed, a, j = max(float(np.linalg.norm(w)), 1e-12), np.cross(w, v), np.cross(w, np.cross(w, v))
-        steps = np.arange(1, int(self._whole[at.DELAY]) + round(at.WINDOW / step) + 2)
+        steps = np.arange(1, int(self._state["delay"]) + round(WINDOW / step) + 2)
         ages = (steps * step)[:, None]
         back = np.column_stack([np.cos(0.5 * speed * ages), -np.sin(0.5 * speed * ages) * (w / speed)])
         # rows: the quaternion products of 1, i, j and k with q
         spin = np.array(
             [q, [-q[1], q[0], -q[3], q[2]], [-q[2], q[3], q[0], -q[1]], [-q[3], -q[2], q[1], q[0]]]
         )
-        memory[(now - steps) % at.RING, :3] = p - ages * (v - ages / 2.0 * (a - ages / 3.0 * j))
-        memory[(now - steps) % at.RING, 3:7] = back @ spin
-        self._state[at.POSE : at.POSE + 7] = *p, *q
-        self._state[at.TWIST : at.TWIST + 6] = *w, *(v - np.cross(w, p))
+        memory["place"][(now - steps) % RING] = p - ages * (v - ages / 2.0 * (a - ages / 3.0 * j))
+        memory["turn"][(now - steps) % RING] = back @ spin
+        self._state["place"], self._state["turn"] = p, q
+        self._state["spin"], self._state["drift"] = w, v - np.cross(w, p)
 
     def _velocity(self, link: int, point: Array) -> Array:
         data, twist = self._physics.data, np.zeros(6)
@@ -401,16 +406,15 @@ class Hand:
         result: Array = twist[3:] + np.cross(twist[:3], point - data.xpos[link])
         return result
 
-    def _pose(self, row: Array, link: int) -> Array:
-        """Puts the pads where a plan's row has them, and returns the place (3,) of the hand in the world."""
+    def _pose(self, moment: Any, link: int) -> Array:
+        """Puts the pads where a plan has them, and returns the place (3,) of the hand in the world."""
         model, data = self._physics.model, self._physics.data
         R = data.xmat[link].reshape(3, 3)
-        base: Array = data.xpos[link] + R @ row[at.BASE : at.BASE + 3]
-        for k in range(at.PADS):
-            pad = row[at.PAD_BEGIN + at.EACH * k :]
-            body = int(self._whole[at.BODY]) + k
-            model.body_pos[body] = data.xpos[link] + R @ pad[:3] - base
-            mujoco.mju_mulQuat(model.body_quat[body], data.xquat[link], pad[at.TURN : at.TURN + 4])
+        base: Array = data.xpos[link] + R @ moment["base"]
+        for k, (place, turn) in enumerate(zip(moment["place"], moment["turn"], strict=True)):
+            body = int(self._state["pads"]) + k
+            model.body_pos[body] = data.xpos[link] + R @ place - base
+            mujoco.mju_mulQuat(model.body_quat[body], data.xquat[link], turn)
         return base
 
     def _heights(self, path: HandPath, turns: Array, link: int) -> Array:
@@ -459,7 +463,7 @@ class Hand:
         data.geom_xmat[geom] = (turn @ own.reshape(3, 3)).ravel()
         data.geom_xpos[geom] = place + turn @ model.geom_pos[geom]
 
-    def _blocked(self, path: HandPath, plan: Array, flight: int, link: int) -> str:
+    def _blocked(self, path: HandPath, plan: Moments, flight: int, link: int) -> str:
         """Says which pad would meet a body on its way to the skin, or another body than the link later: the
         hand would start in it, or touch what it should not."""
         model, source, turn = self._physics.model, self._physics.data, np.empty(9)
@@ -470,9 +474,8 @@ class Hand:
         way = np.linspace(0, flight, 4).astype(int).tolist()
         for row in (*way, *np.linspace(flight, len(plan) - 1 - flight, 5).astype(int).tolist()[1:]):
             for k, geom in enumerate(self._geoms):
-                pad = plan[row, at.PAD_BEGIN + at.EACH * k :]
-                mujoco.mju_quat2Mat(turn, pad[at.TURN : at.TURN + 4])
-                self._put(geom, p + R @ pad[:3], R @ turn.reshape(3, 3))
+                mujoco.mju_quat2Mat(turn, plan["turn"][row, k])
+                self._put(geom, p + R @ plan["place"][row, k], R @ turn.reshape(3, 3))
                 apart = middles - self._scratch.geom_xpos[geom]
                 near = np.einsum("ij,ij->i", apart, apart) < (radii + model.geom_rbound[geom]) ** 2
                 if row > flight and geom in used:
@@ -484,17 +487,17 @@ class Hand:
         return ""
 
     def _park(self) -> None:
-        whole, physics = self._whole, self._physics
-        joint, dof, ctrl = whole[at.QPOS], whole[at.DOF], whole[at.CTRL]
-        physics.qpos[joint : joint + 9] = physics.qvel[dof : dof + 9] = 0.0
-        physics.ctrl[ctrl : ctrl + 3] = 0.0
-        physics.qpos[joint + 2] = physics.ctrl[ctrl + 2] = at.AWAY
+        physics = self._physics
+        joint, dof, actuator = (int(self._state[name]) for name in ("joint", "dof", "actuator"))
+        physics.qpos[joint : joint + DOFS] = physics.qvel[dof : dof + DOFS] = 0.0
+        physics.ctrl[actuator : actuator + 3] = 0.0
+        physics.qpos[joint + 2] = physics.ctrl[actuator + 2] = AWAY
         physics.touch()
 
     def _clear(self) -> None:
-        self._state[[at.FORCE, at.PEAK, at.TRIM, at.TRIM_RATE]] = 0.0
-        self._state[[at.BEGUN, at.LOST]] = np.nan
-        self._whole[[at.TRACED, at.HIT]] = 0
+        for name in ("force", "peak", "trim", "trim_rate", "traced", "hit"):
+            self._state[name] = 0
+        self._state["begun"] = self._state["lost"] = np.nan
 
 
 class Person:

@@ -9,51 +9,78 @@ hand holds its force on what moves evenly, is late on what starts to move, and i
 from __future__ import annotations
 
 import math
+from typing import Any
 
-from numba import int64
+import numpy as np
+from numba import from_dtype
 
 from tci.messages.frames import Array
 from tci.support.compiled import inlined, reads, returns, writes
 
 PADS = 6
 """Pads of a hand."""
-BASE, PUSH, ASKED, PAD_BEGIN = 0, 3, 6, 7
-"""First columns of a plan, which has a row for every step; vectors are in the touched link's frame. Where the
-hand should be (3) [m]: in the middle of its pads in use; the force that this needs beyond its arm's spring
-(3) [N]; the asked force of all pads [N]; and the first pad's values (`EACH`)."""
-PLACE, NORMAL, TURN, SHARE, EACH = 0, 3, 6, 10, 11
-"""First values of each pad: where it should be (3) [m], the outward normal (3), its orientation (4), its
-share of the force, and the number of these values."""
-ACTIVE, START, FIRST, COUNT, LINK, QPOS, DOF, CTRL, FELT, BODY, TRACED, HIT, DELAY = range(13)
-"""Columns of the integers, a row for every hand: 1 while it moves; the step of the plan's first row; this row
-and their number; the touched body; the hand's first joint in `qpos` and `qvel`, first actuator, first sensor
-value and first pad's body; steps in its record; 1 after the first contact; delay [steps]."""
-WHOLE = 13
-POSE, TWIST, LAST, TRIM, TRIM_RATE, FORCE, PEAK, BEGUN, LOST = 0, 7, 14, 17, 18, 19, 20, 21, 22
-"""Columns of the state, a row for every hand: the link's pose that the hand follows (7), its twist (rotation,
-and velocity at the world's origin), the last target (3) [m], the correction [N] and its change, the contact
-force and its peak [N], the times of the first contact and of the latest loss of contact [s]."""
-STIFFNESS, DAMPING, PAD, OMEGA = 23, 24, 25, 26
-"""Constants in the same rows: the arm's stiffness [N/m] and damping [N s/m], the pads' stiffness [N/m], and
-the filter's frequency [rad/s]."""
-STATE = 27
 SLOTS, NUMBERS = 12, 7
 """Contacts of a hand at a time, and the values of its sensor for each: found, force (3), position (3)."""
 WINDOW = 0.05
 """Time [s] over which the person sees a speed."""
 RING = 4096
 """Steps that the person remembers."""
-TRACE, NOTED = 40_000, 10
-"""Steps of a hand's record, and their values: time [s], asked force, contact force and friction [N], place of
-the contact (3) and of the hand (3) in the link's frame [m]."""
+TRACE = 40_000
+"""Steps of a hand's record."""
+DOFS = 3 + PADS
+"""Joints of a hand, in this order: where it is in the world (3), and how far each pad is pushed in."""
+_F, _I = np.float64, np.int64
+HAND = np.dtype([
+    *[(name, _I) for name in ("active", "start", "first", "count", "guided", "link", "hit", "traced")],
+    *[(name, _I) for name in ("joint", "dof", "actuator", "sensor", "pads", "delay")],
+    *[(name, _F) for name in ("stiffness", "damping", "pad", "omega")],
+    ("place", _F, (3,)), ("turn", _F, (4,)), ("spin", _F, (3,)), ("drift", _F, (3,)), ("target", _F, (3,)),
+    *[(name, _F) for name in ("trim", "trim_rate", "force", "peak", "begun", "lost")],
+])  # fmt: skip
+"""One hand:
+
+- `active`: 1 while it moves.
+- `start`, `first`, `count`: number of the step in which its plan begins, index of the plan's first row, and
+  number of its rows.
+- `guided`: number of the latest step for which its inputs are known.
+- `link`: index of the touched body.
+- `hit`, `traced`: 1 after the first contact; number of steps in its record.
+- `joint`, `dof`, `actuator`, `sensor`, `pads`: indices of its first joint in `qpos` and `qvel`, its first
+  actuator, its first sensor value and its first pad's body.
+- `delay`: of the person, at least 1 [steps].
+- `stiffness`, `damping`, `pad`, `omega`: of the arm [N/m] and [N s/m], of a pad [N/m], and the frequency of
+  the person's filter [rad/s].
+- `place`, `turn`, `spin`, `drift`: the link's pose that the hand follows, and how that moves on: rotation
+  [rad/s], and velocity [m/s] at the world's origin.
+- `target`: where it was to be in the latest step [m].
+- `trim`, `trim_rate`: correction of the force [N], and its change [N/s].
+- `force`, `peak`: contact force in the latest step, and the largest one [N].
+- `begun`, `lost`: times [s] of the first contact and of the latest loss of contact."""
+MOMENT = np.dtype([
+    ("base", _F, (3,)), ("push", _F, (3,)), ("asked", _F),
+    ("place", _F, (PADS, 3)), ("normal", _F, (PADS, 3)), ("turn", _F, (PADS, 4)), ("share", _F, (PADS,)),
+])  # fmt: skip
+"""What a hand is to do in one step, in the touched link's frame:
+
+- `base`: where it should be [m]: in the middle of its pads in use.
+- `push`: force [N] that this needs beyond the spring of its arm.
+- `asked`: force of all pads [N].
+- `place`, `normal`, `turn`, `share`: of each pad, where its tip should be [m], the outward normal, the
+  orientation, and the share of the force."""
+SEEN = np.dtype([("place", _F, (3,)), ("turn", _F, (4,)), ("felt", _F), ("wanted", _F)])
+"""What a person saw and felt in one step: the link's pose, the contact force and the commanded one [N]."""
+NOTED = np.dtype([
+    ("time", _F), ("asked", _F), ("force", _F), ("drag", _F), ("centre", _F, (3,)), ("place", _F, (3,)),
+])  # fmt: skip
+"""Record of one step: time [s], asked force, contact force and friction [N], centre of the contact and place
+of the hand in the link's frame [m]."""
 HANDS = returns(
-    writes(2, int64), writes(2), reads(2), writes(2), writes(2), reads(2), reads(2), writes(2), writes(2),
-    writes(1), writes(1),
+    writes(1, from_dtype(HAND)), reads(1, from_dtype(MOMENT)), writes(2, from_dtype(SEEN)),
+    writes(2, from_dtype(NOTED)), reads(2), reads(2), writes(2), writes(2), writes(1), writes(1),
 )  # fmt: skip
-"""Numba types of the hands: integers (see `ACTIVE`), state (see `POSE`), plans (see `BASE`), memory of link
-poses, felt and commanded forces (`RING` rows a hand, 9), record (`TRACE` rows a hand), MuJoCo's `xpos`,
-`xquat`, `body_pos`, `body_quat`, `qpos` and `qvel`."""
-Arrays = tuple[Array, ...]
+"""Numba types of the hands: their states, plans, memories (hands, `RING`) and records (hands, `TRACE`), and
+MuJoCo's `xpos`, `xquat`, `body_pos`, `body_quat`, `qpos` and `qvel`."""
+Arrays = tuple[Any, ...]
 EASY = 8.0
 """Force [N] above the asked one, up to which the arm pulls the hand to its place and speed, on all axes.
 Beyond it the arm gives way. Assumed: people who touch do not push through; a firm hand would need 50 N."""
@@ -96,140 +123,132 @@ def _cross(a: tuple[float, float, float], b: tuple[float, float, float]) -> tupl
 
 
 @inlined
-def _see(hand: int, number: int, step: float, hands: Arrays) -> None:
+def _see(number: int, step: float, hand: Any, own: Any) -> None:
     """Moves the pose that a hand follows to where the person expects the link: the screw motion that was seen
     goes on, and what was expected wrongly is corrected at the filter's pace."""
-    wholes, states, _, memory, _, xpos, xquat, _, _, _, _ = hands
-    whole, state = wholes[hand], states[hand]
-    own = memory[hand * RING : (hand + 1) * RING]
-    now, link, before = own[number % RING], whole[LINK], own[(number - 1) % RING]
-    same = 0.0
-    for i in range(4):
-        same += xquat[link, i] * before[3 + i]
-    for i in range(3):
-        now[i] = xpos[link, i]
-    for i in range(4):
-        now[3 + i] = xquat[link, i] if same >= 0.0 else -xquat[link, i]
     window = max(1, round(WINDOW / step))
-    seen = own[(number - whole[DELAY]) % RING]
-    older = own[(number - whole[DELAY] - window) % RING]
-    passed, share = window * step, min(1.0, state[OMEGA] * step)
-    turn = _times((seen[3], seen[4], seen[5], seen[6]), (older[3], -older[4], -older[5], -older[6]))
+    seen = own[(number - hand.delay) % RING]
+    older = own[(number - hand.delay - window) % RING]
+    passed, share = window * step, min(1.0, hand.omega * step)
+    turn = _times(
+        (seen.turn[0], seen.turn[1], seen.turn[2], seen.turn[3]),
+        (older.turn[0], -older.turn[1], -older.turn[2], -older.turn[3]),
+    )
     sine = (turn[1] ** 2 + turn[2] ** 2 + turn[3] ** 2) ** 0.5
     rate = 2.0 / passed if sine < 1e-9 else 2.0 * math.atan2(sine, turn[0]) / sine / passed
     w = rate * turn[1], rate * turn[2], rate * turn[3]
-    half = 0.5 * (seen[0] + older[0]), 0.5 * (seen[1] + older[1]), 0.5 * (seen[2] + older[2])
-    u = _cross(w, half)
+    p, before = seen.place, older.place
+    u = _cross(w, (0.5 * (p[0] + before[0]), 0.5 * (p[1] + before[1]), 0.5 * (p[2] + before[2])))
     for i in range(3):
-        state[TWIST + i] += share * (w[i] - state[TWIST + i])
-        state[TWIST + 3 + i] += share * ((seen[i] - older[i]) / passed - u[i] - state[TWIST + 3 + i])
-    w = state[TWIST], state[TWIST + 1], state[TWIST + 2]
-    u = _cross(w, (state[POSE], state[POSE + 1], state[POSE + 2]))
+        hand.spin[i] += share * (w[i] - hand.spin[i])
+        hand.drift[i] += share * ((p[i] - before[i]) / passed - u[i] - hand.drift[i])
+    w = hand.spin[0], hand.spin[1], hand.spin[2]
+    u = _cross(w, (hand.place[0], hand.place[1], hand.place[2]))
     for i in range(3):
-        state[POSE + i] += step * (u[i] + state[TWIST + 3 + i])
-    q = _spun(state[POSE + 3 : POSE + 7], step * w[0], step * w[1], step * w[2])
-    delay = whole[DELAY] * step
-    e = _spun(seen[3:7], delay * w[0], delay * w[1], delay * w[2])
-    u = _cross(w, (seen[0], seen[1], seen[2]))
-    v = u[0] + state[TWIST + 3], u[1] + state[TWIST + 4], u[2] + state[TWIST + 5]
+        hand.place[i] += step * (u[i] + hand.drift[i])
+    q = _spun(hand.turn, step * w[0], step * w[1], step * w[2])
+    delay = hand.delay * step
+    e = _spun(seen.turn, delay * w[0], delay * w[1], delay * w[2])
+    u = _cross(w, (p[0], p[1], p[2]))
+    v = u[0] + hand.drift[0], u[1] + hand.drift[1], u[2] + hand.drift[2]
     a = _cross(w, v)
     j = _cross(w, a)
     for i in range(3):
-        expected = seen[i] + delay * (v[i] + delay / 2.0 * (a[i] + delay / 3.0 * j[i]))
-        state[POSE + i] += share * (expected - state[POSE + i])
+        expected = p[i] + delay * (v[i] + delay / 2.0 * (a[i] + delay / 3.0 * j[i]))
+        hand.place[i] += share * (expected - hand.place[i])
+    square = 0.0
     for i in range(4):
-        state[POSE + 3 + i] = q[i] + share * (e[i] - q[i])
+        hand.turn[i] = q[i] + share * (e[i] - q[i])
+        square += hand.turn[i] ** 2
+    for i in range(4):
+        hand.turn[i] /= square**0.5
 
 
 @inlined
-def _correct(hand: int, number: int, step: float, asked: float, hands: Arrays) -> float:
-    """Notes the felt force and this step's command, and returns the correction [N] of the latter."""
-    wholes, states, memory = hands[0], hands[1], hands[3]
-    whole, state = wholes[hand], states[hand]
-    own = memory[hand * RING : (hand + 1) * RING]
-    seen = own[(number - whole[DELAY]) % RING]
-    wrong = seen[7] - seen[8] if whole[HIT] and seen[8] > 0.0 else 0.0
-    omega = state[OMEGA]
-    state[TRIM_RATE] += step * (omega * omega * (wrong - state[TRIM]) - 2.0 * omega * state[TRIM_RATE])
-    state[TRIM] += step * state[TRIM_RATE]
+def _correct(number: int, step: float, asked: float, hand: Any, own: Any) -> float:
+    """Notes this step's command, and returns its correction [N]."""
+    seen = own[(number - hand.delay) % RING]
+    wrong = seen.felt - seen.wanted if hand.hit and seen.wanted > 0.0 else 0.0
+    omega = hand.omega
+    hand.trim_rate += step * (omega * omega * (wrong - hand.trim) - 2.0 * omega * hand.trim_rate)
+    hand.trim += step * hand.trim_rate
     most = max(1.0, asked)
-    trim = min(max(-state[TRIM], -most), most) if asked > 0.0 else 0.0
-    now = own[number % RING]
-    now[7], now[8] = state[FORCE], asked + trim if asked > 0.0 else 0.0
+    trim = min(max(-hand.trim, -most), most) if asked > 0.0 else 0.0
+    own[number % RING].wanted = asked + trim if asked > 0.0 else 0.0
     return trim
 
 
 @inlined
 def guide(number: int, step: float, ctrl: Array, hands: Arrays) -> None:
-    """Moves the bases, and turns the palms and fingers, of all hands at work before a step of the physics."""
-    wholes, states, plans, _, _, _, _, body_pos, body_quat, qpos, qvel = hands
-    for hand in range(len(wholes)):
-        whole, state = wholes[hand], states[hand]
-        at = number - whole[START]
-        if not whole[ACTIVE] or at < 0:
+    """Moves the bases, and turns the palms and fingers, of all hands at work, before the step `number` of the
+    physics. A second call for the same step changes nothing."""
+    states, plans, memories, _, _, _, body_pos, body_quat, qpos, qvel = hands
+    for number_of in range(len(states)):
+        hand = states[number_of]
+        at = number - hand.start
+        if not hand.active or at < 0 or hand.guided >= number:
             continue
-        begin, joint, dof = whole[CTRL], whole[QPOS], whole[DOF]
-        if at >= whole[COUNT]:
-            whole[ACTIVE] = 0
-            for i in range(3 + PADS):
+        hand.guided = number
+        begin, joint, dof = hand.actuator, hand.joint, hand.dof
+        if at >= hand.count:
+            hand.active = 0
+            for i in range(DOFS):
                 qpos[joint + i] = qvel[dof + i] = 0.0
             for i in range(3):
                 ctrl[begin + i] = 0.0
             qpos[joint + 2] = ctrl[begin + 2] = AWAY
-            state[FORCE] = 0.0
+            hand.force = 0.0
             continue
-        row = plans[whole[FIRST] + at]
-        _see(hand, number, step, hands)
-        trim = _correct(hand, number, step, row[ASKED], hands)
-        pose = state[POSE : POSE + 7]
-        size = (pose[3] ** 2 + pose[4] ** 2 + pose[5] ** 2 + pose[6] ** 2) ** 0.5
-        for i in range(3, 7):
-            pose[i] /= size
-        turn = (pose[3], pose[4], pose[5], pose[6])
-        bx, by, bz = _turned(turn, row[BASE], row[BASE + 1], row[BASE + 2])
-        px, py, pz = row[PUSH], row[PUSH + 1], row[PUSH + 2]
+        row, own = plans[hand.first + at], memories[number_of]
+        _see(number, step, hand, own)
+        trim = _correct(number, step, row.asked, hand, own)
+        turn = (hand.turn[0], hand.turn[1], hand.turn[2], hand.turn[3])
+        bx, by, bz = _turned(turn, row.base[0], row.base[1], row.base[2])
+        px, py, pz = row.push[0], row.push[1], row.push[2]
         for k in range(PADS):
-            pad = row[PAD_BEGIN + EACH * k : PAD_BEGIN + EACH * (k + 1)]
-            more = pad[SHARE] * trim
-            deeper = more / state[PAD]
-            px, py, pz = px - more * pad[NORMAL], py - more * pad[NORMAL + 1], pz - more * pad[NORMAL + 2]
+            more = row.share[k] * trim
+            deeper = more / hand.pad
+            nx, ny, nz = row.normal[k, 0], row.normal[k, 1], row.normal[k, 2]
+            px, py, pz = px - more * nx, py - more * ny, pz - more * nz
             x, y, z = _turned(
-                turn, pad[PLACE] - deeper * pad[NORMAL], pad[PLACE + 1] - deeper * pad[NORMAL + 1],
-                pad[PLACE + 2] - deeper * pad[NORMAL + 2],
+                turn, row.place[k, 0] - deeper * nx, row.place[k, 1] - deeper * ny,
+                row.place[k, 2] - deeper * nz,
             )  # fmt: skip
-            body = whole[BODY] + k
-            body_pos[body, 0], body_pos[body, 1], body_pos[body, 2] = x - bx, y - by, z - bz
-            w, a, b, c = _times(turn, (pad[TURN], pad[TURN + 1], pad[TURN + 2], pad[TURN + 3]))
-            body_quat[body, 0], body_quat[body, 1], body_quat[body, 2], body_quat[body, 3] = w, a, b, c
-        target, push = (bx + pose[0], by + pose[1], bz + pose[2]), _turned(turn, px, py, pz)
+            pad = hand.pads + k
+            body_pos[pad, 0], body_pos[pad, 1], body_pos[pad, 2] = x - bx, y - by, z - bz
+            w, a, b, c = _times(turn, (row.turn[k, 0], row.turn[k, 1], row.turn[k, 2], row.turn[k, 3]))
+            body_quat[pad, 0], body_quat[pad, 1], body_quat[pad, 2], body_quat[pad, 3] = w, a, b, c
+        target = (bx + hand.place[0], by + hand.place[1], bz + hand.place[2])
+        push = _turned(turn, px, py, pz)
         square = 0.0
         for i in range(3):
-            speed = (target[i] - state[LAST + i]) / step if at > 0 else qvel[dof + i]
-            state[LAST + i] = target[i]
+            speed = (target[i] - hand.target[i]) / step if at > 0 else qvel[dof + i]
+            hand.target[i] = target[i]
             # as if the damper pulled too: MuJoCo takes its part at the hand's own speed off
-            ctrl[begin + i] = state[STIFFNESS] * (target[i] - qpos[joint + i]) + state[DAMPING] * (
+            ctrl[begin + i] = hand.stiffness * (target[i] - qpos[joint + i]) + hand.damping * (
                 speed - qvel[dof + i]
             )
             square += ctrl[begin + i] ** 2
-        eased = min(1.0, (EASY + row[ASKED]) / max(square**0.5, 1e-9))
+        eased = min(1.0, (EASY + row.asked) / max(square**0.5, 1e-9))
         for i in range(3):
-            pulled = eased * ctrl[begin + i] + state[DAMPING] * qvel[dof + i] + push[i]
-            ctrl[begin + i] = qpos[joint + i] + pulled / state[STIFFNESS]
+            pulled = eased * ctrl[begin + i] + hand.damping * qvel[dof + i] + push[i]
+            ctrl[begin + i] = qpos[joint + i] + pulled / hand.stiffness
 
 
 @inlined
 def note(number: int, step: float, sensors: Array, hands: Arrays) -> None:
-    """Records the contacts of all hands at work in the step `number`."""
-    wholes, states, plans, _, traces, xpos, xquat, _, _, qpos, _ = hands
-    for hand in range(len(wholes)):
-        whole, state = wholes[hand], states[hand]
-        at = number - whole[START]
-        if not whole[ACTIVE] or at < 0:
+    """Records what the physics did with all hands at work in the step `number`, and what the person sees and
+    feels of it. Poses are then still those before the step."""
+    states, plans, memories, traces, xpos, xquat, _, _, qpos, _ = hands
+    for number_of in range(len(states)):
+        hand = states[number_of]
+        at = number - hand.start
+        if not hand.active or at < 0:
             continue
-        found = min(int(sensors[whole[FELT]]), SLOTS)
+        found = min(int(sensors[hand.sensor]), SLOTS)
         force = drag = x = y = z = 0.0
         for k in range(found):
-            slot = sensors[whole[FELT] + NUMBERS * k :]
+            slot = sensors[hand.sensor + NUMBERS * k :]
             force += slot[1]
             drag += (slot[2] ** 2 + slot[3] ** 2) ** 0.5
             x += slot[1] * slot[4]
@@ -237,22 +256,32 @@ def note(number: int, step: float, sensors: Array, hands: Arrays) -> None:
             z += slot[1] * slot[6]
         time = number * step
         if force > 0.0:
-            if not whole[HIT]:
-                whole[HIT] = 1
-                state[BEGUN] = time
-            state[LOST] = float("nan")
-            state[PEAK] = max(state[PEAK], force)
-        elif state[FORCE] > 0.0:
-            state[LOST] = time
-        state[FORCE] = force
-        link, joint = whole[LINK], whole[QPOS]
-        row = traces[hand * TRACE + whole[TRACED] % TRACE]
-        row[0], row[1], row[2], row[3] = time, plans[whole[FIRST] + at, ASKED], force, drag
+            if not hand.hit:
+                hand.hit = 1
+                hand.begun = time
+            hand.lost = float("nan")
+            hand.peak = max(hand.peak, force)
+        elif hand.force > 0.0:
+            hand.lost = time
+        hand.force = force
+        own, link = memories[number_of], hand.link
+        now, before = own[number % RING], own[(number - 1) % RING]
+        same = 0.0
+        for i in range(4):
+            same += xquat[link, i] * before.turn[i]
+        for i in range(3):
+            now.place[i] = xpos[link, i]
+        for i in range(4):
+            now.turn[i] = xquat[link, i] if same >= 0.0 else -xquat[link, i]
+        now.felt = force
+        row = traces[number_of, hand.traced % TRACE]
+        row.time, row.asked, row.force, row.drag = time, plans[hand.first + at].asked, force, drag
         back = (xquat[link, 0], -xquat[link, 1], -xquat[link, 2], -xquat[link, 3])
         ox, oy, oz = xpos[link, 0], xpos[link, 1], xpos[link, 2]
-        size = max(force, 1e-12)
-        row[4], row[5], row[6] = _turned(back, x / size - ox, y / size - oy, z / size - oz)
-        row[7], row[8], row[9] = _turned(back, qpos[joint] - ox, qpos[joint + 1] - oy, qpos[joint + 2] - oz)
-        if not force > 0.0:
-            row[4] = row[5] = row[6] = float("nan")
-        whole[TRACED] += 1
+        size, joint = max(force, 1e-12), hand.joint
+        centre = _turned(back, x / size - ox, y / size - oy, z / size - oz)
+        place = _turned(back, qpos[joint] - ox, qpos[joint + 1] - oy, qpos[joint + 2] - oz)
+        for i in range(3):
+            row.centre[i] = centre[i] if force > 0.0 else float("nan")
+            row.place[i] = place[i]
+        hand.traced += 1

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tci.errors import CommandError, UnknownNameError
 from tci.messages.frames import Array, read_only
-from tci.simulation.hand_control import ASKED, BASE, EACH, NORMAL, PAD_BEGIN, PLACE, PUSH, SHARE, TURN
+from tci.simulation.hand_control import MOMENT
 from tci.support.engine import mujoco
 
 PADS = ("palm", "thumb", "index", "middle", "ring", "little")
@@ -32,6 +32,8 @@ SOFTENED = 0.016
 """Length [s] of the window that rounds the plan's corners."""
 BEHIND = 0.06
 """Distance [m] from the skin of the pads that do not touch."""
+Moments = NDArray[np.void]
+"""What a hand is to do, a `hand_control.MOMENT` for every step."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -109,8 +111,8 @@ class Ballistics:
 
 def plan_of(
     path: HandPath, heights: Array, turns: Array, step: float, hand: Ballistics, run_up: float = 1.0
-) -> tuple[Array, int]:
-    """The plan of a path (see `hand_control.BASE`), a row for every step, and its steps before time 0.
+) -> tuple[Moments, int]:
+    """The plan of a path, and its steps before time 0.
 
     Args:
         path: what the hand is to do.
@@ -145,22 +147,19 @@ def plan_of(
     pressed = np.where(depth > 0.0, hand.pad * depth + damper, 0.0)
     pushed = hand.friction * force[:, :, None] * drag - pressed[:, :, None] * normals
     total = force.sum(axis=1)
-    plan = np.zeros((len(times), PAD_BEGIN + EACH * len(PADS)))
-    plan[:, BASE : BASE + 3] = base
-    plan[:, PUSH : PUSH + 3] = pushed.sum(axis=1) + hand.mass * np.gradient(
+    plan = np.zeros(len(times), MOMENT)
+    plan["base"], plan["asked"] = base, total
+    plan["push"] = pushed.sum(axis=1) + hand.mass * np.gradient(
         np.gradient(base, step, axis=0), step, axis=0
     )
-    plan[:, ASKED] = total
     for number, name in enumerate(PADS):
         k = path.pads.index(name) if name in path.pads else 0
-        mine = plan[:, PAD_BEGIN + EACH * number :]
-        mine[:, PLACE : PLACE + 3] = places[:, k]
-        mine[:, NORMAL : NORMAL + 3] = normals[:, k]
-        mine[:, TURN : TURN + 4] = turns[:, k]
+        plan["place"][:, number], plan["normal"][:, number] = places[:, k], normals[:, k]
+        plan["turn"][:, number] = turns[:, k]
         if name in path.pads:
-            mine[:, SHARE] = force[:, k] / np.maximum(total, 1e-9)
+            plan["share"][:, number] = force[:, k] / np.maximum(total, 1e-9)
         else:
-            mine[:, PLACE : PLACE + 3] += BEHIND * normals[:, k]
+            plan["place"][:, number] += BEHIND * normals[:, k]
     return plan, flight
 
 

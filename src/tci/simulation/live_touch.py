@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike
 
 from tci.errors import CommandError
 from tci.messages.frames import Array
-from tci.simulation import hand_control as at
 from tci.simulation.hand import PAD_DAMPING, PAD_MASS, Hand
+from tci.simulation.hand_control import MOMENT
 from tci.simulation.hand_path import APPROACH, BEHIND, GAP, PADS, RISE, HandPath
 from tci.simulation.touch import FRICTION
 
@@ -108,16 +108,14 @@ class LiveTouch:
         pressed = person.pad * depth + 2.0 * PAD_DAMPING * np.sqrt(person.pad * PAD_MASS) * np.gradient(
             depth, step
         )
-        plan = np.zeros((len(times), at.PAD_BEGIN + at.EACH * len(PADS)))
-        plan[:, at.BASE : at.BASE + 3] = place
-        plan[:, at.PUSH : at.PUSH + 3] = drag - np.where(depth > 0.0, pressed, 0.0)[:, None] * normals
-        plan[:, at.ASKED] = force
+        plan = np.zeros(len(times), MOMENT)
+        plan["base"], plan["asked"] = place, force
+        plan["push"] = drag - np.where(depth > 0.0, pressed, 0.0)[:, None] * normals
         for number, name in enumerate(PADS):
-            mine = plan[:, at.PAD_BEGIN + at.EACH * number :]
-            mine[:, at.PLACE : at.PLACE + 3] = place + (0.0 if name == _TIP else BEHIND) * normals
-            mine[:, at.NORMAL : at.NORMAL + 3] = normals
-            mine[:, at.TURN : at.TURN + 4] = turns / np.linalg.norm(turns, axis=1, keepdims=True)
-            mine[:, at.SHARE] = float(name == _TIP)
+            plan["place"][:, number] = place + (0.0 if name == _TIP else BEHIND) * normals
+            plan["normal"][:, number] = normals
+            plan["turn"][:, number] = turns / np.linalg.norm(turns, axis=1, keepdims=True)
+            plan["share"][:, number] = float(name == _TIP)
         self.hand.replan(plan)
 
 

@@ -220,11 +220,13 @@ def march(
         note(number, step, sensors, hands)
         if number + 1 < min(due, end):
             continue
-        # Torques and forces on the skin depend on the servos' inputs. The inputs of the previous step would
-        # brake a stiff servo in motion. So torques and forces are computed with the inputs of the next step.
+        # Torques and forces on the skin depend on the inputs of servos, finger and hands. Those of the
+        # previous step would brake a stiff servo in motion, and leave the pads of a hand behind its base. So
+        # torques and forces are computed with the inputs of the next step.
         _drive(qpos, ctrl, drives, asked, 1.0)
         if tool.active:
             _push((number + 1) * step, ctrl, tool)
+        guide(number + 1, step, ctrl, hands)
         if number + 1 < due:
             continue
         due, full, looked = end + 1, False, False

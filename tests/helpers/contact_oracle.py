@@ -15,7 +15,7 @@ from tci.messages.frames import apply, invert
 from tci.robot.generic_arm import limb_coordinates
 from tci.skin.contacts import ContactSettings, centre_of_pressure
 from tci.skin.fill_factor import WIDTHS, fill_factors
-from tci.skin.kernels.contacts import LEAST_FILL, MOST_HIDDEN, NARROW
+from tci.skin.kernels.contacts import LEAST_FILL, MOST_HIDDEN, NARROW, SEPARATE
 from tci.skin.skin import segment_pose
 from tci.skin.surfaces import Surface
 
@@ -101,6 +101,15 @@ def fill_factor(surface: Surface, taxels: np.ndarray, forces: np.ndarray) -> flo
     positions = surface.positions[taxels]
     mean = centre_of_pressure(positions, forces)
     spread = forces @ ((positions - mean) ** 2).sum(axis=1) / forces.sum() / 2.0
+    pressure = np.zeros(len(surface.areas))
+    pressure[taxels] = forces / surface.areas[taxels]
+    one, other = np.concatenate([surface.neighbours, surface.neighbours[:, ::-1]]).T
+    apart = ((surface.positions[one] - surface.positions[other]) ** 2).sum(axis=1)
+    own, beside = (pressure[one] ** 2).sum(), (pressure[one] * pressure[other]).sum()
+    if 0.0 < beside < own:
+        # of a Gaussian: its autocorrelation at the distance of the neighbours
+        place = pressure[one] ** 2 @ apart / own / (4.0 * np.log(own / beside))
+        spread = min(spread, SEPARATE * place)
     width = np.sqrt(max(spread, NARROW**2 * surface.areas[taxels].mean()))
     factors = [np.interp(np.log(width), np.log(WIDTHS), row) for row in fill_factors(surface)[taxels]]
     return max(float(forces @ factors / forces.sum()), LEAST_FILL)

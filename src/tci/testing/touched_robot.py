@@ -152,7 +152,8 @@ class TouchedRobot:
             return
         layout, areas = self.body.layout, surface.areas[pressed]
         taxels = (layout.taxels[layout.places[patch.name]].start + pressed).astype(np.int32)
-        measured = force * fill_around(read_only(taxels, np.int32), read_only(areas), layout.arrays)
+        room = np.zeros(len(layout.arrays.taxels))
+        measured = force * fill_around(read_only(taxels, np.int32), read_only(areas), room, layout.arrays)
         counts = np.round(sensor.counts(shares * measured / (areas @ shares)))
         counts[shares.argmax()] = max(1.0, counts.max())
         values[normal_channels(patch, surface)[pressed]] += np.sign(sensor.pascal_per_count) * counts

@@ -6,7 +6,7 @@ import pytest
 
 from tci.lab.experiments.felt_touches import FeltTouch, measure_touches
 
-KINDS = ("poke", "pat", "press", "stroke", "squeeze")
+KINDS = ("poke", "pat", "press", "stroke", "squeeze", "scratch", "pinch")
 
 
 @pytest.fixture(scope="module", params=["nao", "g1", "talos"])

@@ -43,6 +43,10 @@ NARROW = 0.5
 """Least width of a touch, in distances of neighbouring taxels, for the computation of the fill factor. A
 narrower touch presses too few taxels to measure the width, and this width is used instead. Assumed: on skins
 with distances of 6 to 10 mm between taxels, touches of 3 to 5 mm width then get about the right width."""
+SEPARATE = 1.5
+"""A touch counts as several places that are pressed, such as finger tips, if its second moment is more than
+this many times that of one place. Assumed: a spread of 20 % between the taxels' gains makes a palm's places
+look smaller by this factor; twice as much counts three finger tips as a palm."""
 LEAST_FILL = 0.15
 """Least fill factor by which forces are divided. A smaller factor is replaced by this value. Assumed: on
 sparser skin the correction of the force would be unreliable."""
@@ -174,13 +178,13 @@ def _on_limb(
 
 
 @inlined
-def _fill(taxels: Indices, forces: Array, layout: LayoutArrays) -> float:
+def _fill(taxels: Indices, forces: Array, room: Array, layout: LayoutArrays) -> float:
     """Returns the fraction of a touch's force that the pressed taxels measure: the mean fill factor.
 
-    `forces` (k,) [N] are the forces on the pressed taxels `taxels` (k,). The result is at least 0.15
-    (`LEAST_FILL`).
+    `forces` (k,) [N] are the forces on the pressed taxels `taxels` (k,). `room` (n,) is zero, before and
+    after. The result is at least 0.15 (`LEAST_FILL`).
     """
-    places, fill = layout.taxels, layout.fill
+    places, fill, graph = layout.taxels, layout.fill, layout.graph
     total, area, x, y, z, square = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(taxels)):
         one, f = places[np.uint64(taxels[k])], forces[k]
@@ -188,8 +192,28 @@ def _fill(taxels: Indices, forces: Array, layout: LayoutArrays) -> float:
         total, area = total + f, area + one.area
         x, y, z = x + f * a, y + f * b, z + f * c
         square += f * (a * a + b * b + c * c)
+        room[np.uint64(taxels[k])] = f / one.area
+    # The second moment is that of a whole touch, so several fingers on one cluster would count as a palm. The
+    # pressure of a Gaussian of width v has at a distance d the autocorrelation exp(-d^2 / 4 v^2), however
+    # many there are.
+    own, beside, apart = 0.0, 0.0, 0.0
+    for k in range(len(taxels)):
+        i = np.uint64(taxels[k])
+        here, p = places[i].position, room[i]
+        for edge in range(np.uint64(graph[i]), np.uint64(graph[i + _ONE])):
+            j = np.uint64(graph[edge])
+            there = places[j].position
+            own, beside = own + p * p, beside + p * room[j]
+            apart += p * p * (
+                (here[0] - there[0]) ** 2 + (here[1] - there[1]) ** 2 + (here[2] - there[2]) ** 2
+            )
+    for k in range(len(taxels)):
+        room[np.uint64(taxels[k])] = 0.0
     x, y, z = x / total, y / total, z / total
-    variance = max((square / total - x * x - y * y - z * z) / 2.0, NARROW * NARROW * area / len(taxels))
+    variance = (square / total - x * x - y * y - z * z) / 2.0
+    if 0.0 < beside < own:
+        variance = min(variance, SEPARATE * apart / own / (4.0 * np.log(own / beside)))
+    variance = max(variance, NARROW * NARROW * area / len(taxels))
     column = min(max(np.log2(variance / _FIRST**2) / 2.0, 0.0), float(_LAST))
     low = np.uint64(min(int(column), _LAST - 1))
     part, result = column - low, 0.0
@@ -199,13 +223,14 @@ def _fill(taxels: Indices, forces: Array, layout: LayoutArrays) -> float:
     return max(result / total, LEAST_FILL)
 
 
-@compiled(float64(reads(1, int32), reads(1), LAYOUT), seldom=True)
-def fill_around(taxels: Indices, forces: Array, layout: LayoutArrays) -> float:
+@compiled(float64(reads(1, int32), reads(1), writes(1), LAYOUT), seldom=True)
+def fill_around(taxels: Indices, forces: Array, room: Array, layout: LayoutArrays) -> float:
     """Returns the fraction of a touch's force that `taxels` (k,) measure: the fill factor around the touch.
 
     `taxels` are indices within the whole skin, and `forces` (k,) the forces on these taxels, in any unit.
+    `room` (n,) is zero for all taxels of the skin.
     """
-    return _fill(taxels, forces, layout)
+    return _fill(taxels, forces, room, layout)
 
 
 @inlined
@@ -229,7 +254,7 @@ def _summarise(
         mean_z += f * taxel.position[2]
     mean = mean_x / total, mean_y / total, mean_z / total
     begin, end = clusters.bound[c], clusters.bound[c + 1]
-    fill = _fill(clusters.member[begin:end], clusters.member_force[begin:end], layout)
+    fill = _fill(clusters.member[begin:end], clusters.member_force[begin:end], clusters.force, layout)
     row.force = total / (fill * (1.0 - min(edge / pressure, MOST_HIDDEN)))
     row.peak, row.area = peak, area
     nearest(mean, p, layout, row.point, row.normal)

@@ -149,9 +149,7 @@ def plan_of(
     total = force.sum(axis=1)
     plan = np.zeros(len(times), MOMENT)
     plan["base"], plan["asked"] = base, total
-    plan["push"] = pushed.sum(axis=1) + hand.mass * np.gradient(
-        np.gradient(base, step, axis=0), step, axis=0
-    )
+    plan["push"] = pushed.sum(axis=1) + hand.mass * np.gradient(np.gradient(base, step, axis=0), step, axis=0)
     for number, name in enumerate(PADS):
         k = path.pads.index(name) if name in path.pads else 0
         plan["place"][:, number], plan["normal"][:, number] = places[:, k], normals[:, k]

@@ -204,8 +204,8 @@ def _fill(taxels: Indices, forces: Array, room: Array, layout: LayoutArrays) -> 
             j = np.uint64(graph[edge])
             there = places[j].position
             own, beside = own + p * p, beside + p * room[j]
-            apart += p * p * (
-                (here[0] - there[0]) ** 2 + (here[1] - there[1]) ** 2 + (here[2] - there[2]) ** 2
+            apart += (
+                p * p * ((here[0] - there[0]) ** 2 + (here[1] - there[1]) ** 2 + (here[2] - there[2]) ** 2)
             )
     for k in range(len(taxels)):
         room[np.uint64(taxels[k])] = 0.0

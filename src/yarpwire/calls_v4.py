@@ -134,6 +134,8 @@ CALLS: dict[str, Answers] = {
     "getRefTorqueGroupRPC": TARGET_TORQUES[1],
     "getRefTorqueAllRPC": TARGET_TORQUES[2],
     "isCalibratorDevicePresentRPC": lambda b: [FAIL],
+    "isJointBrakedRPC": lambda b, j: _truth(False) if b.joints([j]) else None,
+    "getAutoBrakeEnabledRPC": lambda b, j: _truth(False) if b.joints([j]) else None,
     "getAvailableControlModesRPC": lambda b, j: [[int(word) for word in b.available(j)]],
     "setControlModeOneRPC": lambda b, j, mode: b.set_modes([j], [mode]),
     "setControlModeGroupRPC": lambda b, js, modes: b.set_modes(js, modes),

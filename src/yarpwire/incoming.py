@@ -72,8 +72,9 @@ class Incoming:
 
     def __init__(
         self, sock: socket.socket, connection: AcceptedConnection, *, dialect: Dialect,
-        deliver: Callable[[Delivery], Answer],
+        deliver: Callable[[Delivery], Answer], source: SocketSource | None = None,
     ) -> None:  # fmt: skip
+        """`source` has what was already received from the socket."""
         self.sender = ""
         """Name of the port at the other end."""
         self.carrier: Carrier = TEXT
@@ -81,7 +82,7 @@ class Incoming:
         self.count = 0
         """Number of messages so far."""
         self._socket, self._connection = sock, connection
-        self._source = SocketSource(sock)
+        self._source = source or SocketSource(sock)
         self._dialect, self._deliver = dialect, deliver
         self._datagrams: socket.socket | None = None
         self._slice = 0.0

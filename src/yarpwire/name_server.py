@@ -10,10 +10,15 @@ import threading
 
 from yarpwire import auth
 from yarpwire.connection_limit import AcceptedConnection
+from yarpwire.dialect import V3
 from yarpwire.errors import PortError, WireError
+from yarpwire.incoming import Answer, Delivery, Incoming
 from yarpwire.listener import Listener
+from yarpwire.message import ADMIN
 from yarpwire.names import END, PATIENCE, ROOT, Contact
+from yarpwire.port import VERSION
 from yarpwire.source import SocketSource
+from yarpwire.values import Vocab
 
 FIRST_PORT = 2
 """Difference between the first port number that the server assigns and the server's own port number. YARP's
@@ -27,6 +32,8 @@ LONGEST_REQUEST = 2000
 """Largest number of characters of a request. Assumed: twice the length of the longest name is enough. The
 limit bounds the memory."""
 
+ASKED, GREETING = "NAME_SERVER", 8
+"""First word of a request, and how many of its bytes tell it from a connection to a port."""
 USAGE = (
     "Here are some ways to use the name server:",
     "+ help",
@@ -75,6 +82,9 @@ class NameServer:
         sock.settimeout(PATIENCE)
         if self._key is not None:
             auth.accept(sock, source, self._key)
+        if source.peek(GREETING) != ASKED[:GREETING].encode():
+            self._serve_as_port(Incoming(sock, connection, dialect=V3, deliver=_order, source=source))
+            return
         while True:
             source.allow()
             answer = self.answer(source.line(), connection.host)
@@ -82,13 +92,19 @@ class NameServer:
             sock.settimeout(60.0)
             sock.sendall(answer.encode())
 
+    def _serve_as_port(self, incoming: Incoming) -> None:
+        """Answers as the port with the server's own name: `yarp exists /root` and `yarp check` ask it for its
+        version."""
+        incoming.greet(None, lambda name: None)
+        incoming.run()
+
     def answer(self, line: str, peer: str = "127.0.0.1") -> str:
         """Returns the answer to a request that came from host `peer`. Raises WireError if the request is
         invalid."""
         if len(line) > LONGEST_REQUEST:
             raise WireError(f"a request of {len(line)} characters; valid: at most {LONGEST_REQUEST}")
         words = re.split(r'["\s]+', line.strip())
-        if words[0] != "NAME_SERVER":
+        if words[0] != ASKED:
             raise WireError(f"{line[:40]!r} is no request to a name server")
         verb, arguments = (words[1:2] or [""])[0], [word for word in words[2:] if word]
         if verb == "announce":
@@ -148,6 +164,11 @@ class NameServer:
             if port not in taken and _is_free(port):
                 return port
         raise PortError("no free port is left")
+
+
+def _order(delivery: Delivery) -> Answer:
+    items = delivery.items(V3) if delivery.command.kind == ADMIN else []
+    return VERSION if items[:1] == [Vocab("ver")] else [Vocab("fail")]
 
 
 def _is_free(port: int) -> bool:

@@ -37,6 +37,8 @@ ORDERS = (
     "[prop] [get] $cur_port  # get the directions of this port",
 )
 """Orders to a port itself, as `yarp admin rpc PORT` sends them."""
+VERSION = (Vocab("ver"), 1, 2, 3)
+"""Answer of a port to `[ver]`."""
 
 
 class Port:
@@ -227,7 +229,7 @@ class Port:
         verb = items[0] if items else Vocab(0)
         target = str(items[-1]) if len(items) > 1 else ""
         if verb == Vocab("ver"):
-            return [Vocab("ver"), 1, 2, 3]
+            return VERSION
         if verb == Vocab("add"):
             carrier, _, name = target.rpartition(":/")
             return self._answer_add(name if carrier else target, carrier or TCP.name)

@@ -55,6 +55,16 @@ def test_register_query_list_unregister(server: NameServer) -> None:
         names.query("/tci/a")
 
 
+def test_the_name_server_is_a_port_too(server: NameServer) -> None:
+    """What `yarp exists /root` and `yarp check` of YARP 3.12 send, and what they read."""
+    with socket.create_connection(server.address, timeout=5.0) as sock, sock.makefile("rw") as stream:
+        stream.write("CONNACK admin\r\na\r\n[ver]\r\n")
+        stream.flush()
+        assert stream.readline().startswith("Welcome admin")
+        assert [stream.readline().strip() for _ in range(2)] == ["[ver] 1 2 3", "<ACK>"]
+    assert [contact.name for contact in Names(server.address).list()] == ["/root"]
+
+
 def test_numbers_are_given_out_for_three_dots_and_minus_one(server: NameServer) -> None:
     numbers = set()
     for line in ("register /a", "register /b ... ... ...", "register /c ... ... -1 yarp/vector"):

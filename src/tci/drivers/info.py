@@ -52,7 +52,8 @@ class DriverInfo:
     unreached: Mapping[int, str] = field(default_factory=lambda: MappingProxyType({}))
     """Reasons why the driver can't move some servos, by servo index. A servo that the driver can move has no
     entry."""
-
+    left_out: tuple[str, ...] = ()
+    """Patches that the address leaves out, so that nobody waits for their frames."""
     sources: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """Addresses of the sources beside the robot's own driver, by the patch that they feel."""
 

@@ -72,6 +72,7 @@ def test_getters_return_what_the_board_knows() -> None:
         (["getTargetVelocityAllRPC"], [0.0] * 16), (["getRefTorqueGroupRPC", [0, 3]], [0.0, 0.0]),
         (["getTrajSpeedsGroupRPC", [0, 3]], [10.0, 10.0]), (["getTrajSpeedOneRPC", 3], 10.0),
         (["getAxisNameRPC", 3], "l_elbow"), (["isCalibratorDevicePresentRPC"], Vocab("fail")),
+        (["isJointBrakedRPC", 3], Vocab("fail")), (["getAutoBrakeEnabledRPC", 3], Vocab("fail")),
     ):  # fmt: skip
         assert answer_v4(shown, call) == [[Vocab("ok")], answer]
     low, high = answer_v4(shown, ["getTorqueRangeAllRPC"])[1:]

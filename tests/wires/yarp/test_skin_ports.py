@@ -33,6 +33,7 @@ from yarpwire.name_server import NameServer
 from yarpwire.names import Contact
 from yarpwire.network import NamedPort
 from yarpwire.sensors import Measure, encode_measures
+from yarpwire.values import Vocab
 from yarpwire.wire import Wire
 
 ICUB = tci.load_robot("icub")
@@ -208,6 +209,19 @@ def test_the_names_of_the_sensors_are_answered_in_yarp_4_only(ports: Ports) -> N
     answer = caller.call("getMetadata")
     caller.close()
     assert [[one[0] for one in kind] for kind in answer if kind] == [["left_forearm"]]
+
+
+def test_a_client_of_analog_sensors_finds_its_port_in_yarp_3_only(ports: Ports) -> None:
+    """`analogsensorclient`, and so iCub's skinManager, only starts with this port. Nothing is calibrated."""
+    ports.serve(ICUB, FOREARM)
+    name = "/icub/skin/left_forearm/rpc:i"
+    assert (name in ports.opened) is (ports.dialect is V3)
+    if ports.dialect is V4:
+        return
+    caller = ports.network.caller(ports.network.query(name), "/asks", V3)
+    with closing(caller):
+        assert caller.call(Vocab("iana"), Vocab("cal")) == [1]  # IAnalogSensor: AS_ERROR
+        assert caller.call(Vocab("help")) == [Vocab("fail")]
 
 
 def test_names_that_a_crashed_program_left_are_no_ports(ports: Ports) -> None:

@@ -20,6 +20,8 @@ from tci.capabilities.fields import default_fields
 from tci.drivers.diagnosis import Level
 from tci.errors import DriverError, UnknownNameError
 from tci.gate.gate import GateState, SafeCommand
+from tci.lab.commissioning.doctor import judge
+from tci.lab.commissioning.streams import observe
 from tci.messages import Mode, Order, PlatformCommand, PlatformOrder, PlatformSwitch, SwitchMode
 from tci.messages.frames import Array
 from tci.robot.description import GenericPart, Limits, Robot
@@ -303,6 +305,21 @@ def test_a_patch_of_another_length_is_refused_at_once_and_can_be_left_out(show: 
         driver_to(show, robot)
     with driver_to(show, robot, f",without={patch.name}") as driver:
         assert patch.name not in {frame.patch for frame in driver.read().skin}
+        found = judge(driver, observe(driver, 0.3))
+    assert [one.level for one in found if one.subject == patch.name] == [Level.NOTE]
+    assert Level.FAULT not in {one.level for one in found}, "run works, so doctor ends well"
+
+
+def test_a_board_whose_names_are_all_foreign_is_a_warning(show: Show) -> None:
+    robot = patient(show.driver.robot.name)
+    part = robot.servos[-1].robot_part
+    servos = tuple(
+        one.model_copy(update={"name": f"foreign_{one.name}"}) if one.robot_part == part else one
+        for one in robot.servos
+    )
+    with driver_to(show, robot.model_copy(update={"servos": servos}), arm=False) as driver:
+        (told,) = [one for one in driver.diagnose() if "none of its" in one.what]
+    assert (told.subject, told.level) == (part, Level.WARNING)
 
 
 def test_compensated_skin_reads_like_raw_skin(show: Show) -> None:

@@ -33,6 +33,7 @@ def judge(driver: Driver, seen: Observation) -> tuple[Finding, ...]:
     """
     return (
         *driver.diagnose(),
+        *(Finding(Level.NOTE, name, "left out by the address") for name in driver.info.left_out),
         *_joint_stream(driver, seen.streams[0], seen.cost),
         *_joint_values(driver, seen),
         *(found for reading in seen.readings[-1:] for found in judge_torques(driver.robot, reading)),

@@ -59,7 +59,8 @@ class Observation:
     """Readings of a driver during an observation, and statistics of the frames in the readings."""
 
     streams: tuple[Stream, ...]
-    """Statistics of the joints, then statistics of the patches in the order of the description."""
+    """Statistics of the joints, then statistics of the patches in the order of the description, without those
+    that the address leaves out."""
     readings: tuple[Reading, ...]
     """At most 50 readings (HISTORY) at equal intervals, the newest last."""
     cost: Array
@@ -122,7 +123,8 @@ def observe(
     `progress` is called in each period with the fraction of the time that has passed, 0 to 1. Raises
     DriverError if the robot can't be read.
     """
-    patches = {patch.name: patch.rate for patch in driver.robot.skin}
+    left_out = driver.info.left_out
+    patches = {patch.name: patch.rate for patch in driver.robot.skin if patch.name not in left_out}
     joints, skin = _Count(), {name: _Count() for name in patches}
     cost: list[float] = []
     kept: list[Reading] = []

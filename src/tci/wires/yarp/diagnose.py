@@ -135,8 +135,15 @@ def examine(
 def _examine_board(part: str, board: BoardDriver) -> list[Finding]:
     axes = board.axes
     found = _absent(part, axes)
+    foreign = [axes.names[axis] for servo, axis in zip(axes.servos, axes.numbers, strict=True)
+               if axes.names[axis] != servo.name]  # fmt: skip
+    if len(foreign) == len(axes.servos) > 1:
+        what = f"none of its {len(foreign)} axes has a name of the description; the first is {foreign[0]!r}"
+        advice = "another robot or part? Compare its names, then each joint: tci check --hardware"
+        found.append(Finding(Level.WARNING, part, what, advice))
+        foreign = []
     for servo, axis, limits in zip(axes.servos, axes.numbers, board.limits(), strict=True):
-        if axes.names[axis] != servo.name:
+        if axes.names[axis] in foreign:
             what = f"the board's name of its axis {axis} is {axes.names[axis]!r}"
             found.append(Finding(Level.NOTE, servo.name, what, "found by its number: check it on the robot"))
         ours = (servo.limits.lower, servo.limits.upper)

@@ -88,7 +88,9 @@ class YarpDriver(Driver):
         self.network: Network = options.network()
         self.prefix = options.robot or wire_name(robot.name)
         host, port = self.network.address
-        self.info = replace(self.info, lease_name=f"yarp:{numeric(host)}:{port}/{self.prefix}")
+        self.info = replace(
+            self.info, lease_name=f"yarp:{numeric(host)}:{port}/{self.prefix}", left_out=options.without
+        )
         own = f"/tci/{os.getpid()}/{next(_numbers)}"
         self.boards: dict[str, BoardDriver] = {}
         self.skin: dict[str, Feed[NDArray[np.float64]]] = {}

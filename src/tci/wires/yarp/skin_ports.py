@@ -2,13 +2,16 @@
 
 - `/ROBOT/skin/PATCH` sends the raw values of a patch as a Vector.
 - `/ROBOT/skin/PATCH_comp` sends the drift-compensated values.
+- `/ROBOT/skin/PATCH/rpc:i` exists only in YARP 3: iCub's skinManager and each other `analogsensorclient` only
+  start if they can connect to it.
 - `/ROBOT/skin/PATCH/measures:o` and `.../rpc:o` exist only in YARP 4: there a patch is also a device with one
   `ISkinPatches` sensor.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +36,10 @@ from yarpwire.sensors import (
     decode_measures,
     encode_measures,
 )
+from yarpwire.values import Vocab
 
+ANALOG, FAILED = Vocab("iana"), 1
+"""First word of a call to an analog sensor, and its answer that something failed (`IAnalogSensor`)."""
 Open = Callable[[str, Callable[[Delivery], Answer] | None], NamedPort]
 
 
@@ -46,7 +52,9 @@ class SkinPorts:
         self._layout, self._sensor = SkinLayout.of(robot, patch), patch.sensor
         self._raw, self._compensated = open_port(name, None), open_port(f"{name}_comp", None)
         self._measures: NamedPort | None = None
-        if dialect is V4:
+        if dialect is not V4:
+            open_port(f"{name}/rpc:i", lambda delivery: answer_analog(delivery.items(dialect)))
+        else:
 
             def call(delivery: Delivery) -> Answer:
                 wanted = delivery.command.kind == CALL
@@ -66,6 +74,12 @@ class SkinPorts:
         if self._compensated.outputs:
             sign = 1.0 if sensor.pascal_per_count > 0 else -1.0
             self._compensated.write(np.clip(sign * (values - sensor.rest), 0.0, 255.0))
+
+
+def answer_analog(items: Sequence[Any]) -> list[Any]:
+    """The answer to a call to an analog sensor of YARP 3. It can only be asked to calibrate itself, and a
+    served patch does not: its values are those of the robot's own skin."""
+    return [FAILED] if len(items) > 1 and items[0] == ANALOG else [Vocab("fail")]
 
 
 def read_skin(

@@ -12,7 +12,18 @@ from tci.gate.acceptance import SLOWEST
 from tci.gate.bounds import bounds_of
 from tci.gate.stop_plan import StopTrajectory
 from tci.gate.trajectory import OnlineTrajectory
-from tci.gate.way_inside import CREEP, LAGS, OUTSIDE, QUICK, SAGS, UNPLANNED, creeping, sags, was_there
+from tci.gate.way_inside import (
+    AT_LIMIT,
+    CREEP,
+    LAGS,
+    OUTSIDE,
+    QUICK,
+    SAGS,
+    UNPLANNED,
+    creeping,
+    sags,
+    was_there,
+)
 from tci.messages import Mode, PlatformCommand, PlatformSwitch
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
@@ -57,7 +68,7 @@ def test_a_servo_with_a_high_limit_of_speed_comes_in_as_slowly_as_others(mode: M
     assert 0.9 * CREEP * QUICK < np.abs(np.diff(path)).max() / PERIOD <= 1.001 * CREEP * QUICK
 
 
-@pytest.mark.parametrize("out", [1.2e-6, -1e-7, 0.9 * LAGS])
+@pytest.mark.parametrize("out", [1.2e-6, -1e-7, 0.9 * AT_LIMIT])
 @pytest.mark.parametrize("mode", [Mode.POSITION, Mode.VELOCITY])
 def test_a_servo_that_rests_at_its_limit_starts_there_whatever_its_last_digits_say(
     out: float, mode: Mode
@@ -67,7 +78,7 @@ def test_a_servo_that_rests_at_its_limit_starts_there_whatever_its_last_digits_s
     driven = Driven(make_robot(modes=(mode,)), [0.0, 0.0, start, 0.0, 0.0, 0.0])
     safe = driven.step(PlatformCommand(mode, np.array([2, 3]), np.array([0.0, 0.1]), np.full(2, np.inf)))
     assert -1.0 <= safe.position[0] <= LIMIT
-    assert abs(safe.position[0] - start) <= LAGS + 1e-5, "and does not jump"
+    assert abs(safe.position[0] - start) <= AT_LIMIT + 1e-5, "and does not jump"
 
 
 def test_a_straight_way_of_fast_and_slow_servos_stays_straight() -> None:

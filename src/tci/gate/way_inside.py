@@ -24,8 +24,10 @@ inside than that angle. Assumed: a usual deviation of servos. At a distance of 0
 angle is a displacement of 4.4 mm, less than the default margin of the check for self-collision."""
 LAGS = 5e-5
 """A servo outside its limits is led back to the angle at which it was found only if it has sagged farther
-outside by more than this angle [rad]; and a servo that is found no farther outside starts at its limit, since
-a joint that rests there is measured on either side. Assumed: about the resolution of joint encoders."""
+outside by more than this angle [rad]. Assumed: about the resolution of joint encoders."""
+AT_LIMIT = 5e-6
+"""A servo that is found outside its limits by no more than this angle [rad] starts at its limit: a joint that
+rests there is measured on either side. A jump of ten times as much would exceed a finger's jerk limit."""
 OUTSIDE = Reason(Code.LIMITS_EXCEEDED, "a joint outside its limits can't move inward now")
 """Reason that is reported if a servo outside its limits can't move back inside, for example because of a
 coupling."""
@@ -49,7 +51,7 @@ def creeping(speed: Array, *, straight: bool) -> Array:
 def start_of(measured: Array, bounds: Bounds) -> Array:
     """First references (n,) [rad] of servos that are found at `measured` (n,) [rad] angles."""
     at_limit = np.clip(measured, bounds.lower, bounds.upper)
-    start: Array = np.where(np.abs(measured - at_limit) <= LAGS, at_limit, measured)
+    start: Array = np.where(np.abs(measured - at_limit) <= AT_LIMIT, at_limit, measured)
     return start
 
 

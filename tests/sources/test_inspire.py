@@ -15,9 +15,9 @@ import tci
 from helpers.peers import peer_python
 from helpers.touch_devices import INSPIRE, InspireHand
 from tci.capabilities import Capability, Need
-from tci.cli.hand import in_rows
 from tci.cli.main import app
 from tci.errors import DriverError
+from tci.lab.commissioning.hand import in_rows
 from tci.messages import Order, Perception
 from tci.reasons import Code
 from tci.robot.tactile_devices import device

@@ -48,7 +48,7 @@ def doctor(
     from tci.robot.catalogue import load_robot
 
     if via is None and robot is None:
-        _print_findings("this machine", examine_machine(), (), as_json=as_json)
+        print_findings("this machine", examine_machine(), (), as_json=as_json)
         return
     if robot is None:
         raise DriverError(f"--via {via} needs the robot's name; valid: tci doctor ROBOT --via {via}")
@@ -56,7 +56,7 @@ def doctor(
         console.print("checks the simulation; for a real robot give --via NAME:ADDRESS", style="dim")
     via = via or "sim"
     findings, streams = _examine(load_robot(robot), via, duration, quiet=as_json)
-    _print_findings(f"{robot} via {via}", findings, streams, as_json=as_json)
+    print_findings(f"{robot} via {via}", findings, streams, as_json=as_json)
 
 
 def _examine(
@@ -102,9 +102,10 @@ def _examine(
             return (*found, Finding(Level.FAULT, "connection", f"lost while reading: {error}")), ()
 
 
-def _print_findings(
+def print_findings(
     title: str, findings: Sequence[Finding], streams: Sequence[Stream], *, as_json: bool
 ) -> None:
+    """Prints findings and ends with status 1 if one is a fault."""
     counts = Counter(finding.level for finding in findings)
     if as_json:
         report: dict[str, Any] = {

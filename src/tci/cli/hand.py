@@ -1,4 +1,5 @@
-"""`tci hand`: the pressure on the pads of a hand or a loose sensor, live, without a robot."""
+"""`tci hand`: a tactile hand or loose sensor alone, without a robot: which are plugged in, the pressure on
+the pads, and what is wrong."""
 
 from __future__ import annotations
 
@@ -15,24 +16,38 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from tci.drivers.source_reader import SourceReader
-    from tci.robot.tactile_devices import DevicePad
 
 SHADES = " ·░▒▓█"
 EVERY = 0.1
 """Time [s] between two pictures."""
+PRESS = 2.0
+"""Time [s] for which the doctor looks after each thing that it asks for."""
 
 
 def hand(
-    via: Annotated[str, typer.Argument(help="Address of the hand, such as inspire:192.168.11.210.")],
+    via: Annotated[
+        str | None,
+        typer.Argument(
+            help="Address of the hand, such as inspire:192.168.11.210; without one, lists what is plugged in."
+        ),
+    ] = None,
     duration: Annotated[
         float, typer.Option(help="Time \\[s] after which the command ends; 0: until Ctrl-C.", min=0.0)
     ] = 0.0,
+    doctor: Annotated[
+        bool, typer.Option("--doctor", help="Ask you to press fingers and corners, and tell what is wrong.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Show the pressure on the pads of a tactile hand, live. Nothing moves, and no robot is needed. A shade
-    is the value of a taxel, up to the largest value of its pad so far; the numbers are raw counts.
+    is the value of a taxel, up to the largest value of its pad so far; the numbers are raw counts. Without an
+    address, the command lists the devices that are plugged in, and chooses none.
+
+    Example:  tci hand
 
     Example:  tci hand inspire:192.168.11.210
+
+    Example:  tci hand robotiq:/dev/ttyACM0 --doctor
     """
     from rich.live import Live
 
@@ -40,12 +55,18 @@ def hand(
     from tci.drivers.source_reader import SourceReader
     from tci.errors import DriverError
 
+    if via is None:
+        _list(as_json=as_json)
+        return
     source = source_at(via)
     if not source.pads:
         raise DriverError(f"{via} has no pads of its own; valid: beside a robot, --via 'sim + {via}'")
     reader = SourceReader(via, source, source.pads)
     end = time.monotonic() + (duration or np.inf)
     try:
+        if doctor:
+            _examine(reader, as_json=as_json)
+            return
         if as_json:
             time.sleep(max(0.0, min(end - time.monotonic(), 1e6)))
             print_json(_report(reader))
@@ -63,6 +84,63 @@ def hand(
         pass
     finally:
         reader.close()
+
+
+def _list(*, as_json: bool) -> None:
+    from rich.table import Table
+
+    from tci.drivers.registry import source_names
+    from tci.shared.serial_ports import can_channels, serial_ports
+
+    ports, channels, names = serial_ports(), can_channels(), source_names()
+    if as_json:
+        print_json({"serial": [one.to_json() for one in ports], "can": channels, "sources": list(names)})
+        return
+    for port in ports:
+        table = Table.grid(padding=(0, 2))
+        rows = {
+            "USB": f"{port.vid_pid}  {port.product}", "serial number": port.serial_number,
+            "may be": port.kind, "by id": port.by_id, "by path": port.by_path,
+            "open in": ", ".join(port.holders),
+        }  # fmt: skip
+        if not port.allowed:
+            rows["permission"] = "none: sudo usermod -aG dialout $USER, then log in again"
+        if port.latency_ms is not None and port.latency_ms > 1:
+            latency = f"/sys/bus/usb-serial/devices/{port.port.removeprefix('/dev/')}/latency_timer"
+            rows["slow"] = f"keeps bytes for {port.latency_ms} ms: echo 1 | sudo tee {latency}"
+        for name, text in rows.items():
+            if text:
+                table.add_row(f"  {name}", text)
+        console.print(port.port, highlight=False, markup=False)
+        console.print(table, highlight=False, markup=False)
+    for channel, state in channels.items():
+        up = "" if state == "up" else f": sudo ip link set {channel} up type can bitrate 1000000"
+        console.print(f"{channel}  CAN, {state}{up}", highlight=False, markup=False)
+    if not ports and not channels:
+        console.print("no device on USB and no CAN interface; plug it in, then look again with tci hand")
+    example = (
+        f"tci hand NAME:{ports[0].by_id or ports[0].port}" if ports else "tci hand inspire:192.168.11.210"
+    )
+    console.print(f"none is chosen. Show one:  {example}", highlight=False, markup=False)
+    console.print(f"names: {', '.join(names)}", highlight=False, markup=False)
+
+
+def _examine(reader: SourceReader, *, as_json: bool) -> None:
+    """Raises CommandError where nobody can be asked."""
+    from tci.cli.doctor import print_findings
+    from tci.errors import CommandError
+    from tci.lab.commissioning.hand import examine_hand
+
+    reader.wait(1.0)
+
+    def ask(words: str) -> None:
+        try:
+            typer.prompt(f"{words}, and press Enter", default="", show_default=False, err=True)
+        except typer.Abort as error:
+            raise CommandError("--doctor asks you to press; valid: in a terminal") from error
+
+    found = (*examine_hand(reader, ask, seconds=PRESS), *reader.diagnose())
+    print_findings(reader.name, found, (), as_json=as_json)
 
 
 def _report(reader: SourceReader) -> dict[str, Any]:
@@ -88,7 +166,9 @@ def _picture(reader: SourceReader, most: dict[str, float]) -> RenderableType:
     from rich.panel import Panel
     from rich.text import Text
 
-    now, shapes = time.monotonic(), _shapes(reader.source.device)
+    from tci.lab.commissioning.hand import in_rows, pads_of
+
+    now, shapes = time.monotonic(), pads_of(reader.source.device)
     panels = []
     for name, pad in reader.pads.items():
         silent = reader.silence(name, now)
@@ -102,27 +182,3 @@ def _picture(reader: SourceReader, most: dict[str, float]) -> RenderableType:
         text = "\n".join("".join(2 * SHADES[one] for one in row) for row in rows)
         panels.append(Panel(f"{text}\n{values.max():.0f} · {pad.rate:.0f}/s", title=name, expand=False))
     return Columns(panels)
-
-
-def _shapes(device: str) -> dict[str, DevicePad]:
-    """Pads of the device table, by the source's own names."""
-    from tci.robot.tactile_devices import devices
-
-    return {
-        (place if place == pad.name else f"{place}_{pad.name}"): pad
-        for one in devices()
-        if one.name == device
-        for pad in one.pads
-        for place in pad.fingers
-    }
-
-
-def in_rows(values: np.ndarray, pad: DevicePad | None) -> np.ndarray:
-    """A frame as it lies on the pad, (rows, columns); one row if the shape is unknown."""
-    if pad is None:
-        return values[None]
-    if pad.order == "column-major":
-        laid = values.reshape(pad.columns, pad.rows).T
-    else:
-        laid = values.reshape(pad.rows, pad.columns)
-    return laid[::-1] if pad.from_last_row else laid

@@ -13,6 +13,7 @@ from tci.drivers.combined_server import JOIN, CombinedServer
 from tci.drivers.driver import Driver
 from tci.drivers.server import Server
 from tci.drivers.source import Source
+from tci.drivers.source_reader import said
 from tci.drivers.sourced import Address, SourcedDriver
 from tci.errors import DriverError, TciError, UnknownNameError
 from tci.robot.description import Robot
@@ -60,7 +61,7 @@ def source_at(via: str) -> Source:
     try:
         source.find_pads()
     except (OSError, TciError) as error:
-        raise DriverError(f"{via}: {error}") from error
+        raise DriverError(f"{via}: {said(error)}") from error
     return source
 
 

@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tci.drivers.diagnosis import Finding
 from tci.errors import CommandError
 
 
@@ -77,6 +78,10 @@ class Source(ABC):
     @abstractmethod
     def close(self) -> None:
         """Closes the device. A second call, or one without `open`, does nothing."""
+
+    def diagnose(self) -> Iterable[Finding]:
+        """What can be said of the way to the device, beside what arrives."""
+        return ()
 
     def feed(self, pad: str, values: ArrayLike) -> None:
         """Takes values from the program itself. Raises CommandError if the source reads a device."""

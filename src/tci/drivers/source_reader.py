@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 import time
 from collections import Counter
@@ -21,6 +22,14 @@ AGAIN = 0.5
 LEAST_SILENCE, MOST_SILENCE, GAPS = 0.25, 5.0, 4.0
 """A pad is silent after `GAPS` times its usual gap between two frames, within these bounds [s]."""
 MOST_REASONS = 20
+ADVICE: dict[type[Exception], str] = {
+    ConnectionRefusedError: "the computer is there, but nobody listens at this port: start what serves the "
+    "hand, end its other clients, or correct the port",
+    socket.gaierror: "no computer has this name: write its number, such as 192.168.11.210",
+    TimeoutError: "switch it on, and see that this computer has an address in its network (ip address)",
+    FileNotFoundError: "plug it in; tci hand lists the ports",
+}
+"""What to do next, by the error."""
 
 
 @dataclass(slots=True)
@@ -64,6 +73,15 @@ class PadState:
         self.sequence += 1
 
 
+def said(error: Exception) -> str:
+    """An error, and what to do next."""
+    text = str(error) or type(error).__name__
+    for kind, advice in ADVICE.items():
+        if isinstance(error, kind):
+            return f"{text}; {advice}"
+    return text
+
+
 class SourceReader:
     """Reads one source until `close`. A lost device is opened again."""
 
@@ -88,7 +106,7 @@ class SourceReader:
             source.open()
         except (OSError, TciError) as error:
             source.close()
-            raise DriverError(f"{name}: {error}") from error
+            raise DriverError(f"{name}: {said(error)}") from error
         self._thread = threading.Thread(target=self._run, name=f"source {name}", daemon=True)
         self._thread.start()
 
@@ -131,6 +149,7 @@ class SourceReader:
         if still:
             said = f"no value of {len(still)} pads has changed: {', '.join(still[:6])}"
             found.append(Finding(Level.NOTE, self.name, said, "press each of them: only a change shows life"))
+        found += self.source.diagnose()
         found += [
             Finding(Level.WARNING, self.name, f"{count} messages unusable: {reason}")
             for reason, count in self.rejected.items()
@@ -149,7 +168,7 @@ class SourceReader:
                 self._reject(str(error))
             except Exception as error:  # a fault of one source must not end the run
                 self.lost += not self.trouble
-                self.trouble = str(error) or type(error).__name__
+                self.trouble = said(error)
                 self._quietly(self.source.close)
                 self._closed.wait(AGAIN)
 

@@ -7,6 +7,7 @@ import select
 from contextlib import suppress
 
 from tci.errors import DriverError
+from tci.shared.serial_ports import holders
 
 
 class SerialPort:
@@ -49,7 +50,8 @@ class SerialPort:
             termios.tcflush(self._port, termios.TCIFLUSH)
         except BlockingIOError as error:
             os.close(self._port)
-            raise DriverError(f"{path} is held by another program; close it") from error
+            who = ", ".join(one for one in holders(path) if not one.endswith(f" {os.getpid()}"))
+            raise DriverError(f"{path} is held by {who or 'another program'}; end it") from error
         except termios.error as error:
             os.close(self._port)
             raise DriverError(f"{path} is no serial port: {error}") from error

@@ -6,9 +6,11 @@ from abc import abstractmethod
 from collections.abc import Iterable, Iterator
 from typing import ClassVar
 
+from tci.drivers.diagnosis import Finding
 from tci.drivers.source import FingerAngles, Sample, Source
 from tci.errors import DriverError, FrameError
 from tci.shared.serial_port import SerialPort
+from tci.shared.serial_ports import findings
 
 WAIT = 0.2
 """Longest time [s] of one `read`."""
@@ -92,6 +94,9 @@ class SerialSource(Source):
         kept = len(self.mark) - 1
         self._odd += max(0, len(self._rest) - kept)
         self._rest = self._rest[-kept:] if kept else b""
+
+    def diagnose(self) -> Iterator[Finding]:
+        return findings(self.address)
 
     def close(self) -> None:
         if self._port is not None:

@@ -13,13 +13,15 @@ from __future__ import annotations
 import queue
 import re
 import socket
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from numpy.typing import ArrayLike
 
+from tci.drivers.diagnosis import Finding
 from tci.drivers.source import FingerAngles, Sample, Source, no_values
 from tci.errors import CommandError, DriverError, FrameError
 from tci.shared.serial_port import SerialPort
+from tci.shared.serial_ports import findings
 from tci.sources.array.lines import LineBuffer, sample_of
 
 WAIT = 0.2
@@ -85,6 +87,9 @@ class ArraySource(Source):
         if fault is not None and not found:
             raise fault
         return found
+
+    def diagnose(self) -> Iterator[Finding]:
+        return findings(self._device)
 
     def close(self) -> None:
         if self._socket is not None:

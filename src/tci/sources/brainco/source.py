@@ -13,10 +13,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.drivers.diagnosis import Finding
 from tci.drivers.source import Sample, Source
 from tci.errors import DriverError, FrameError
 from tci.shared.axes import along, values_per_point
 from tci.shared.serial_port import SerialPort
+from tci.shared.serial_ports import findings
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 HANDS = {0x7E: "left", 0x7F: "right"}
@@ -126,6 +128,9 @@ class BraincoSource(Source):
                 sideways = raw[::2].astype(">u2").view(np.int8).reshape(-1, 2)
                 points = np.column_stack([sideways, raw[1::2]]).astype(np.int32)
                 yield finger, along(points, self._axes)
+
+    def diagnose(self) -> Iterator[Finding]:
+        return findings(self.address)
 
     def close(self) -> None:
         if self._port is not None:

@@ -1,0 +1,221 @@
+"""Examines a tactile hand that somebody presses when asked: dead, stuck, saturated and exchanged fingers, and
+which corner of a pad is which."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.drivers.diagnosis import Finding, Level
+from tci.drivers.source_reader import SourceReader
+from tci.robot.tactile_devices import DevicePad, devices
+
+FINGERS = ("thumb", "index", "middle", "ring", "little")
+NOISE = 5.0
+"""A change counts from this multiple of the largest change at rest, and from `LEAST` counts."""
+LEAST = 3.0
+CORNERS = {"far left": (0, 0), "far right": (0, -1), "near left": (-1, 0)}
+"""Row and column as the table of devices assumes them: row 1 at the far end, seen from outside with the
+finger pointing away."""
+Ask = Callable[[str], None]
+"""Shows a person what to do, and returns when it is being done."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """The frames of one pad in a span of time."""
+
+    frames: NDArray[np.float64]
+    """(frames, values)."""
+
+    def change(self, rest: Seen) -> NDArray[np.float64]:
+        """(values,) largest distance from the median at rest."""
+        if not len(self.frames) or not len(rest.frames):
+            return np.zeros(self.frames.shape[1])
+        found: NDArray[np.float64] = np.abs(self.frames - np.median(rest.frames, axis=0)).max(axis=0)
+        return np.nan_to_num(found)
+
+
+def examine_hand(reader: SourceReader, ask: Ask, *, seconds: float) -> tuple[Finding, ...]:
+    """Looks for `seconds` [s] after each thing that it asks for."""
+    ask("take your hands off it")
+    rest = _watch(reader, seconds)
+    found = list(_at_rest(reader, rest))
+    felt: dict[str, str] = {}
+    most = {pad: np.zeros(seen.frames.shape[1]) for pad, seen in rest.items()}
+    for place in dict.fromkeys(map(place_of, reader.pads)):
+        ask(f"press {_named(place)} all over")
+        pressed = {pad: seen.change(rest[pad]) for pad, seen in _watch(reader, seconds).items()}
+        for pad, change in pressed.items():
+            most[pad] = np.maximum(most[pad], change)
+        # in parts of its own noise, so that a restless pad is not taken for the pressed one
+        strength = {pad: _share(change, rest[pad]) for pad, change in pressed.items()}
+        strongest = max(strength, key=lambda pad: strength[pad])
+        if strength[strongest] >= 1.0:
+            felt[place] = place_of(strongest)
+        else:
+            said = f"pressing {_named(place)} changes nothing"
+            found.append(
+                Finding(Level.FAULT, place, said, "check its cable; press harder; its sensor may be dead")
+            )
+    found += _exchanged(felt)
+    found += _after_presses(reader, rest, most, felt)
+    if (shaped := _largest_shaped(reader)) is not None:
+        found += _corners(reader, rest, *shaped, ask, seconds)
+    return tuple(found)
+
+
+def place_of(pad: str) -> str:
+    """The finger or palm that a pad is on, from its name; its name if that does not say."""
+    words = pad.split("_")
+    return next((one for one in (*FINGERS, "palm") if one in words), pad)
+
+
+def _named(place: str) -> str:
+    finger = " finger" * (place in FINGERS[1:])
+    return f"the {place.replace('_', ' ')}{finger}"
+
+
+def _watch(reader: SourceReader, seconds: float) -> dict[str, Seen]:
+    taken: dict[str, list[NDArray[np.float64]]] = {pad: [] for pad in reader.pads}
+    before = {pad: state.sequence for pad, state in reader.pads.items()}
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        for pad, state in reader.pads.items():
+            if state.sequence != before[pad] and state.values is not None:
+                before[pad] = state.sequence
+                taken[pad].append(state.values.astype(float))
+        time.sleep(0.002)
+    return {
+        pad: Seen(np.array(frames).reshape(-1, reader.pads[pad].channels)) for pad, frames in taken.items()
+    }
+
+
+def _top(reader: SourceReader, pad: str) -> float:
+    """Largest value that a taxel can have; infinite if nobody says."""
+    for device in devices():
+        if device.name == reader.source.device:
+            return float(device.values[1])
+    values = reader.pads[pad].values
+    return 255.0 if values is not None and values.dtype == np.uint8 else float("inf")
+
+
+def _at_rest(reader: SourceReader, rest: dict[str, Seen]) -> Iterator[Finding]:
+    for pad, seen in rest.items():
+        if not len(seen.frames):
+            yield Finding(Level.FAULT, pad, "sends nothing", "check its cable, and the hand's own settings")
+            continue
+        high = int((np.median(seen.frames, axis=0) >= _top(reader, pad)).sum())
+        if high:
+            said = f"{high} of {seen.frames.shape[1]} taxels are at their largest value, untouched"
+            advice = "something pressed it when it was switched on, or a wire is broken: switch it off and on"
+            yield Finding(Level.WARNING, pad, said, advice)
+        if none := int(np.isnan(seen.frames).all(axis=0).sum()):
+            yield Finding(Level.WARNING, pad, f"{none} taxels have no value", "check its cable")
+
+
+def _share(change: NDArray[np.float64], rest: Seen) -> float:
+    """Largest change, in parts of what counts as one."""
+    return float(change.max(initial=0.0) / max(LEAST, NOISE * rest.change(rest).max(initial=0.0)))
+
+
+def _exchanged(felt: dict[str, str]) -> Iterator[Finding]:
+    wrong = {place: other for place, other in felt.items() if other != place}
+    mirrored = dict(zip(FINGERS, reversed(FINGERS), strict=True))
+    if len(wrong) > 2 and all(mirrored.get(place) == other for place, other in wrong.items()):
+        said = "all fingers come in the opposite order"
+        yield Finding(Level.WARNING, "fingers", said, "it may be the other hand: try side=left or side=right")
+        return
+    for place, other in wrong.items():
+        said = f"pressing {_named(place)} shows on {_named(other)}"
+        yield Finding(
+            Level.WARNING, place, said, "their cables are exchanged, or the other finger was pressed"
+        )
+
+
+def _after_presses(
+    reader: SourceReader, rest: dict[str, Seen], most: dict[str, NDArray[np.float64]], felt: dict[str, str]
+) -> Iterator[Finding]:
+    for pad, change in most.items():
+        if place_of(pad) not in felt.values() or not len(rest[pad].frames):
+            continue
+        still = int((change == 0.0).sum())
+        level = np.median(rest[pad].frames, axis=0) + change
+        full = int((level >= _top(reader, pad)).sum())
+        if still:
+            said = f"{still} of {change.size} taxels never changed"
+            yield Finding(Level.NOTE, pad, said, "press there: a taxel that stays is stuck")
+        else:
+            yield Finding(Level.OK, pad, f"all {change.size} taxels change when pressed")
+        if full:
+            said = f"{full} taxels reach their largest value, {_top(reader, pad):.0f}"
+            yield Finding(Level.NOTE, pad, said, "they feel no difference above it")
+
+
+def _largest_shaped(reader: SourceReader) -> tuple[str, DevicePad] | None:
+    """The pad with the most taxels whose rows and columns are known."""
+    shapes = pads_of(reader.source.device)
+    known = [pad for pad in reader.pads if pad in shapes]
+    if not known:
+        return None
+    pad = max(known, key=lambda one: shapes[one].channels)
+    return pad, shapes[pad]
+
+
+def _corners(
+    reader: SourceReader, rest: dict[str, Seen], pad: str, shape: DevicePad, ask: Ask, seconds: float
+) -> Iterator[Finding]:
+    seen: dict[str, tuple[int, int]] = {}
+    for corner in CORNERS:
+        ask(f"press only the {corner} corner of {_named(pad)}, the fingers pointing away from you")
+        change = _watch(reader, seconds)[pad].change(rest[pad])
+        if _share(change, rest[pad]) < 1.0:
+            yield Finding(Level.WARNING, pad, f"pressing its {corner} corner changes nothing", "press harder")
+            return
+        laid = in_rows(change, shape)
+        row, column = np.unravel_index(int(laid.argmax()), laid.shape)
+        seen[corner] = int(row), int(column)
+    expected = {
+        corner: (row % shape.rows, column % shape.columns) for corner, (row, column) in CORNERS.items()
+    }
+    if all(_near(seen[corner], expected[corner], shape) for corner in CORNERS):
+        said = "three corners show where the table of devices puts them"
+        yield Finding(Level.OK, pad, said)
+    else:
+        where = ", ".join(
+            f"{corner} at row {row + 1}, column {column + 1}" for corner, (row, column) in seen.items()
+        )
+        said = f"corners show elsewhere than the table of devices puts them: {where}"
+        advice = "turn or mirror the pad in your description, so that a touch shows at its place"
+        yield Finding(Level.WARNING, pad, said, advice)
+
+
+def _near(seen: Sequence[int], expected: Sequence[int], shape: DevicePad) -> bool:
+    """Within a quarter of the pad: a finger is wider than a taxel."""
+    return abs(seen[0] - expected[0]) <= shape.rows // 4 and abs(seen[1] - expected[1]) <= shape.columns // 4
+
+
+def pads_of(device: str) -> dict[str, DevicePad]:
+    """Pads of the table of devices, by the names that a source gives them."""
+    return {
+        (pad.name if place in ("", pad.name) else f"{place}_{pad.name}"): pad
+        for one in devices()
+        if one.name == device
+        for pad in one.pads
+        for place in pad.fingers or ("",)
+    }
+
+
+def in_rows(values: NDArray[np.generic], pad: DevicePad | None) -> NDArray[np.generic]:
+    """A frame as it lies on the pad, (rows, columns); one row if the shape is unknown."""
+    if pad is None:
+        return values[None]
+    if pad.order == "column-major":
+        laid = values.reshape(pad.columns, pad.rows).T
+    else:
+        laid = values.reshape(pad.rows, pad.columns)
+    return laid[::-1] if pad.from_last_row else laid

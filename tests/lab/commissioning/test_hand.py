@@ -1,0 +1,95 @@
+"""The doctor of a hand, whose stand-in is pressed as it asks: as a person does, or with a fault."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from helpers.touch_devices import InspireHand
+from tci.drivers.diagnosis import Level
+from tci.drivers.registry import source_at
+from tci.drivers.source_reader import SourceReader
+from tci.lab.commissioning.hand import examine_hand
+
+pytestmark = pytest.mark.timeout(60)
+CORNER = {"far left": 7, "far right": 111, "near left": 0}
+"""Value of the palm at each corner, by Inspire's manual: column by column from the last row."""
+
+
+class Person:
+    """Presses the hand as it is asked to; `shows` says on which finger a press really appears."""
+
+    def __init__(self, hand: InspireHand, shows: Callable[[str], str] = lambda finger: finger) -> None:
+        self.hand, self.shows = hand, shows
+        self.rest = {pad: list(values) for pad, values in hand.values.items()}
+        self.corner = CORNER
+
+    def __call__(self, words: str) -> None:
+        now = {pad: list(values) for pad, values in self.rest.items()}
+        if "corner" in words:
+            place = next(corner for corner in CORNER if corner in words)
+            now["palm"][self.corner[place]] = 900
+        elif "press the " in words:
+            finger = self.shows(words.removeprefix("press the ").split()[0])
+            for pad in now:
+                if pad.startswith(finger):
+                    now[pad] = [value + 500 for value in now[pad]]
+        self.hand.values = now
+        time.sleep(0.1)  # what is under way when a person begins
+
+
+@pytest.fixture
+def hand() -> Iterator[InspireHand]:
+    made = InspireHand()
+    made.plug()
+    yield made
+    made.unplug()
+
+
+@pytest.fixture
+def reader(hand: InspireHand) -> Iterator[SourceReader]:
+    time.sleep(0.1)
+    source = source_at(hand.via)
+    made = SourceReader(hand.via, source, source.pads)
+    made.wait(3.0)
+    yield made
+    made.close()
+
+
+def told(reader: SourceReader, person: Person) -> list[tuple[str, str]]:
+    """What is not right, with its subject."""
+    found = examine_hand(reader, person, seconds=0.1)
+    return [(one.subject, one.what) for one in found if one.level is not Level.OK]
+
+
+def test_a_good_hand_gets_no_complaint(hand: InspireHand, reader: SourceReader) -> None:
+    assert told(reader, Person(hand)) == []
+
+
+def test_dead_stuck_saturated_and_exchanged_fingers_are_named(
+    hand: InspireHand, reader: SourceReader
+) -> None:
+    exchanged = {"index": "ring", "ring": "index", "little": "nothing"}
+    person = Person(hand, lambda finger: exchanged.get(finger, finger))
+    person.rest["middle_top"][3] = 4095
+    found = told(reader, person)
+    assert found == [
+        ("middle_top", "1 of 96 taxels are at their largest value, untouched"),
+        ("little", "pressing the little finger changes nothing"),
+        ("ring", "pressing the ring finger shows on the index finger"),
+        ("index", "pressing the index finger shows on the ring finger"),
+        ("middle_top", "1 taxels reach their largest value, 4095"),
+    ]
+
+
+def test_the_other_hand_and_a_pad_the_other_way_round_are_told(
+    hand: InspireHand, reader: SourceReader
+) -> None:
+    other = dict(zip(("thumb", "index", "ring", "little"), ("little", "ring", "index", "thumb"), strict=True))
+    person = Person(hand, lambda finger: other.get(finger, finger))
+    person.corner = {"far left": 111, "far right": 7, "near left": 104}
+    found = dict(told(reader, person))
+    assert "opposite order" in found["fingers"]
+    assert "far left at row 1, column 14, far right at row 1, column 1" in found["palm"]

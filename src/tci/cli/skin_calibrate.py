@@ -80,6 +80,8 @@ def calibrate(
         print_json(report)
     else:
         console.print(_table(patch, done) if done.force is None else _fit_table(patch, done.force))
+        if unseen := done.found.report.get("not_seen"):
+            console.print(f"not seen: {unseen}", style="yellow", highlight=False, markup=False)
         console.print(f"calibration {done.file}", highlight=False, markup=False)
         if out is None:
             words = f"it is beside the description, so all later runs with {robot} use it, also in simulation"

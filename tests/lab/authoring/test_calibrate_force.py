@@ -77,6 +77,43 @@ def test_a_force_that_has_nothing_to_do_with_the_patch_is_refused() -> None:
         calibrate_to_force(SENSOR, AREAS, stamps, values, times, forces)
 
 
+def test_a_sole_that_never_lifts_keeps_the_description_and_says_so() -> None:
+    """The robot stands and shifts its weight from heel to toe: the load stays, the taxels take turns. The
+    fit alone gives a fraction of the true gain, and would read a fraction of what stands there."""
+    random = np.random.default_rng(3)
+    frame = np.arange(FRAMES)
+    toe = 0.5 + 0.3 * np.sin(frame / 40.0)[:, None]
+    counts = 60.0 * np.where(np.arange(TAXELS) < TAXELS // 2, toe, 1.0 - toe) + 10.0
+    load = counts @ AREAS * 300.0 * 0.9
+    values = np.rint(240.0 - counts + random.normal(0.0, 0.3, counts.shape))
+    stamps = 0.02 * frame
+    forces = (load + random.normal(0.0, 3.0, FRAMES))[:, None] * AXIS
+    found, _ = calibrate_to_force(SENSOR, AREAS, stamps, values, stamps, forces)
+    assert "never unloaded" in str(found.report["not_seen"])
+    read = np.array(found.gain) * SENSOR.pressure(np.array(found.rest) - values) @ AREAS
+    assert np.median(read / load) == pytest.approx(1.0, abs=0.2)
+
+
+def test_taxels_that_were_never_pressed_are_told() -> None:
+    gains, stamps, values, times, forces = stand()
+    still = np.full((len(values), 3), 240.0)
+    areas = np.concatenate([AREAS, AREAS[:3]])
+    found, _ = calibrate_to_force(SENSOR, areas, stamps, np.hstack([values, still]), times, forces)
+    assert str(found.report["not_seen"]).startswith("3 of 43 taxels were never pressed")
+    assert found.gain[-3:] == (1.0, 1.0, 1.0)
+    assert np.median(np.array(found.gain[:-3]) / gains) == pytest.approx(1.0, abs=0.1)
+
+
+def test_gains_that_are_no_better_than_the_raw_sum_are_not_kept() -> None:
+    """The load is the sum of the raw values, with those that are too small to be felt."""
+    _, stamps, values, times, _ = stand()
+    load = np.interp(times, stamps, -(values - 240.0).sum(axis=1))
+    found, fit = calibrate_to_force(SENSOR, AREAS, stamps, values, times, load[:, None])
+    assert fit.held_out > fit.held_out_raw_sum
+    assert "the gains stay those of the description" in str(found.report["not_seen"])
+    assert set(found.gain) == {1.0}
+
+
 def test_logs_of_yarp_and_csv_are_read_alike(tmp_path: Path) -> None:
     rows = [(10.0, 1.0, 2.0, -3.0), (10.5, 1.5, 2.5, -3.5)]
     log, table = tmp_path / "data.log", tmp_path / "force.csv"

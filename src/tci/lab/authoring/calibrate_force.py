@@ -34,6 +34,10 @@ PENALTIES = (np.inf, 100.0, 10.0, 1.0, 0.1, 0.01, 0.001)
 """Penalties that are tried, relative to the mean square of the taxels' forces. A penalty acts on differences
 between the taxels' gains. Assumed: with the largest penalty all taxels have the same gain, and with the
 smallest penalty the gains fit noise."""
+DRIFT, STANDING = 0.05, 0.25
+"""A patch was never unloaded if its taxels' rest values are so far from the description's that what exceeds
+DRIFT, a fraction of the sensor's range, is in sum more than STANDING of the patch's range in the recording.
+Assumed: healthy skins drift by 12 of 255 counts, and a standing sole rests at more than its sway."""
 LEAST, MOST = 0.2, 5.0
 """Range of a taxel's gain, relative to the gain of the patch. Assumed: a taxel that is hardly pressed in the
 recording must not get a gain near 0."""
@@ -68,20 +72,50 @@ def calibrate_to_force(
 ) -> tuple[PatchCalibration, ForceFit]:  # fmt: skip
     """Returns the calibration of a patch (rest values, noise and gains), and the fit of the gains. The
     arguments are the taxels' `areas` (n,) [m2] and raw `values` (m, n) at `stamps` (m,) [s], and the measured
-    `forces` (k, components) [N] at `times` (k,) [s]. Raises TciError if all gains are zero."""
+    `forces` (k, components) [N] at `times` (k,) [s].
+
+    What the recording does not show stays that of the description, and `report["not_seen"]` says so: rest
+    values and gains of a patch that was never unloaded, gains that explain the force no better than the sum
+    of raw values, and gains of taxels that were never pressed. Raises TciError if all gains are zero.
+    """
     found, rest, noise = fit_recording(sensor, areas, stamps, values, times, forces)
-    if not found.gains.any():
+    sign = np.sign(sensor.pascal_per_count)
+    above = sign * (rest - sensor.rest) - DRIFT * (sensor.highest - sensor.lowest)
+    total = sign * values.sum(axis=1)
+    gains, unseen = found.gains, list[str]()
+    if not gains.any():
         raise TciError(
             "the force does not grow with what the patch reads (held-out error "
             f"{found.held_out:.3g} N, by the sum of raw values {found.held_out_raw_sum:.3g} N); valid: a "
             "recording in which this patch is loaded and unloaded"
         )
+    if np.clip(above, 0.0, None).sum() > STANDING * np.ptp(total):
+        rest, gains = np.full(len(rest), sensor.rest), np.ones(len(rest))
+        unseen.append(
+            "the patch was never unloaded, so its rest values and gains stay those of the description; "
+            "valid: a recording in which it also carries nothing"
+        )
+    elif found.held_out >= found.held_out_raw_sum:
+        gains = np.ones(len(rest))
+        unseen.append(
+            f"the fitted gains err by {found.held_out:.3g} N and the sum of raw values by "
+            f"{found.held_out_raw_sum:.3g} N, so the gains stay those of the description; valid: a recording "
+            "with more different loads"
+        )
+    else:
+        pressed = measured_counts(sign * (values - rest), noise).any(axis=0)
+        gains = np.where(pressed, gains, 1.0)
+        if not pressed.all():
+            unseen.append(
+                f"{int((~pressed).sum())} of {len(rest)} taxels were never pressed and keep the gain of the "
+                "description; valid: a recording that presses all of the patch"
+            )
     calibration = PatchCalibration(
-        rest=tuple(rest.tolist()), noise=tuple(noise.tolist()), gain=tuple(found.gains.tolist()),
+        rest=tuple(rest.tolist()), noise=tuple(noise.tolist()), gain=tuple(gains.tolist()),
         report={
             "date": when, "frames": float(len(stamps)), "offset_N": found.offset,
             "held_out_N": found.held_out, "held_out_one_gain_N": found.held_out_one_gain,
-            "held_out_raw_sum_N": found.held_out_raw_sum,
+            "held_out_raw_sum_N": found.held_out_raw_sum, "not_seen": "; ".join(unseen),
         },
     )  # fmt: skip
     return calibration, found

@@ -59,6 +59,7 @@ def calibrate(
     if loads:
         response, worst = _response(sensor, areas, level, noise, loads)
         report["largest_relative_error"] = worst
+        report["not_seen"] = _not_seen(sensor, level, noise, loads)
     return PatchCalibration(
         rest=tuple(level.tolist()), noise=tuple(noise.tolist()), response=response, report=report
     )
@@ -71,6 +72,16 @@ def measured_counts(counts: Array, noise: Array) -> Array:
     `noise` (n,) [counts] are standard deviations.
     """
     return np.where((counts > 0.0) & (counts >= BaselineSettings().threshold * noise), counts, 0.0)
+
+
+def _not_seen(sensor: Sensor, rest: Array, noise: Array, loads: Sequence[Load]) -> str:
+    sign = np.sign(sensor.pascal_per_count)
+    never = ~np.any(
+        [measured_counts(sign * (load.values - rest), noise).any(axis=0) for load in loads], axis=0
+    )
+    if not never.any():
+        return ""
+    return f"{int(never.sum())} of {len(rest)} taxels carried no load: their response is that of the others"
 
 
 def _response(

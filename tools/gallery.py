@@ -142,6 +142,13 @@ def kinds(folder: Path, images: Path) -> None:
     save(side_by_side(shown), images / "kinds.gif", scale=0.5, every=2)
 
 
+def attend(folder: Path, images: Path) -> None:
+    """Film of two robots that withdraw from a poke and then look at it, one of them without a neck."""
+    both = tci.Arbiter([tci.WithdrawalReflex(), tci.Attend()])
+    films = [film(folder, name, both, touch_forearm, duration=1.0) for name in ("nao", "g1")]
+    save(side_by_side(films), images / "attend.gif", scale=0.6, every=2)
+
+
 def soft(folder: Path, images: Path) -> None:
     """Film of the soft reaction: the arm yields to a push."""
     save(

@@ -171,6 +171,7 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "notebook": notebook,
     "pokes": lambda folder: gallery.pokes(folder, IMAGES),
     "kinds": lambda folder: gallery.kinds(folder, IMAGES),
+    "attend": lambda folder: gallery.attend(folder, IMAGES),
     "soft": lambda folder: gallery.soft(folder, IMAGES),
     "body": lambda folder: gallery.body(folder, IMAGES),
     "hands": lambda folder: gallery.hands(folder, IMAGES),

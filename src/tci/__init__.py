@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from tci.body.generic_body import GenericBody as GenericBody
     from tci.body.perceiver import Perceiver as Perceiver
     from tci.capabilities.arbiter import Arbiter as Arbiter
+    from tci.capabilities.attend.capability import Attend as Attend
     from tci.capabilities.body_withdrawal import BodyWithdrawal as BodyWithdrawal
     from tci.capabilities.capability import Capability as Capability
     from tci.capabilities.contact_stop import ContactStop as ContactStop

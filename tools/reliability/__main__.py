@@ -16,6 +16,7 @@ HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE.parents[1] / "tests"), str(HERE.parent)]
 
 from attacks import bodies, limits
+from attends import attends
 from away import moves_away
 from bystander import bystander
 from bytes_in import descriptions, guided, heartbeats
@@ -46,7 +47,7 @@ from wires import wires
 ROWS: dict[str, Callable[[bool], Row]] = {
     one.__name__: one
     for one in (
-        limits, modes, squeezed, bystander, bodies, moves_away, whole_arm, non_finite, heartbeat,
+        limits, modes, squeezed, bystander, attends, bodies, moves_away, whole_arm, non_finite, heartbeat,
         one_kilohertz, loop,
         false_reflexes, descriptions, guided, heartbeats, wires, dropped, killed, minute, yarp_skin,
         yarp_kills, mutation, branches, exposure, felt_places, felt_nothing, felt_reflex,

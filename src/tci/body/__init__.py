@@ -12,6 +12,7 @@ from tci.support.lazy import lazy_names
 
 if TYPE_CHECKING:
     from tci.body.cartesian import Reach as Reach
+    from tci.body.gaze import Look as Look
     from tci.body.generic_body import BodySettings as BodySettings
     from tci.body.generic_body import GenericBody as GenericBody
     from tci.body.pace import Pace as Pace
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from tci.body.tactile import pressure_image as pressure_image
     from tci.body.tactile import shear_force as shear_force
     from tci.body.tactile import touch_events as touch_events
+    from tci.robot.blow import PEOPLE as PEOPLE
     from tci.robot.blow import Struck as Struck
 else:
     __all__, __getattr__, __dir__ = lazy_names(__name__)

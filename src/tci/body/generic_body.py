@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tci.body.cartesian import Reach, cartesian_to_platform, reach_of
 from tci.body.coverage import Coverage
+from tci.body.gaze import Gaze, Look
 from tci.body.landmarks import Landmarks
 from tci.body.pace import UNBOUNDED, Pace, Paces
 from tci.body.places import Place, find_place
@@ -94,6 +95,7 @@ class GenericBody:
     _retreat: Retreat
     _paces: Paces
     _coverage: Coverage
+    _gaze: Gaze
 
     def __init__(self, robot: RobotLike, settings: BodySettings | None = None) -> None:
         """Builds all tables that depend only on the robot.
@@ -122,6 +124,7 @@ class GenericBody:
             _retreat=(retreat := Retreat(skin, layout)),
             _paces=Paces(robot, retreat),
             _coverage=Coverage(skin, landmarks),
+            _gaze=Gaze(skin, retreat),
         )
 
     def _set(self, **fields: Any) -> None:
@@ -259,6 +262,33 @@ class GenericBody:
             return UNBOUNDED
         position, goal = perception.joints.position, np.asarray(target, np.float64)
         return self._paces.pace(position, part, perception.posture[part], goal, people)
+
+    def look_at(self, perception: Perception, point: ArrayLike) -> Look:
+        """How to look at `point` (3,) [m] in the torso frame, such as a contact's `p_T`: which part turns,
+        and to which generic angles. A robot without a neck turns its waist. The point stays where it is in
+        space: don't ask for one on a part that the waist carries along.
+
+        Raises CommandError for a robot that has neither (`turns_gaze` is empty), and for another shape.
+        """
+        return self._gaze.look(_joints(perception).position, np.asarray(point, np.float64))
+
+    @property
+    def turns_gaze(self) -> str:
+        """Name of the part that `look_at` turns: a head, or the torso of a robot without a neck; empty if
+        the robot has neither."""
+        return self._gaze.part
+
+    def carried(self, part: str) -> frozenset[str]:
+        """Names of the patches that a motion of `part` moves in space. Raises UnknownNameError for an unknown
+        part."""
+        return self._gaze.carried[self.robot.part(part).name]
+
+    def nearest(self, perception: Perception, part: str, target: ArrayLike, point: ArrayLike) -> Array:
+        """How near the skin that `part` carries along comes to `point` (3,) [m] in the torso frame, which
+        stays where it is in space, on the way to `target` (n,) [rad]: distances (k,) [m] at equal steps of
+        the way, from here to the target; infinite if it carries none."""
+        goal, place = np.asarray(target, np.float64), np.asarray(point, np.float64)
+        return self._gaze.nearest(_joints(perception).position, self.robot.part(part).name, goal, place)
 
     def distance(self, contact: Contact, landmark: Landmark) -> float:
         """Geodesic distance [m] along the skin between a contact and a landmark of its part; infinite if they

@@ -13,6 +13,8 @@ from tci.support.lazy import lazy_names
 if TYPE_CHECKING:
     from tci.capabilities.arbiter import Arbiter as Arbiter
     from tci.capabilities.arbiter import ArbiterMemory as ArbiterMemory
+    from tci.capabilities.attend.capability import Attend as Attend
+    from tci.capabilities.attend.capability import Attention as Attention
     from tci.capabilities.body_withdrawal import BodyWithdrawal as BodyWithdrawal
     from tci.capabilities.capability import Capability as Capability
     from tci.capabilities.capability import lacks as lacks

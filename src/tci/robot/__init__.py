@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from tci.robot.description import CartesianActuator as CartesianActuator
     from tci.robot.description import Coupling as Coupling
     from tci.robot.description import Description as Description
+    from tci.robot.description import Eyes as Eyes
     from tci.robot.description import GenericPart as GenericPart
     from tci.robot.description import GenericServo as GenericServo
     from tci.robot.description import Grid as Grid

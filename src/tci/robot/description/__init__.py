@@ -9,6 +9,7 @@ from tci.robot.description.binding import Address, Binding, wire_name
 from tci.robot.description.part import (
     USUAL_ACTUATORS,
     CartesianActuator,
+    Eyes,
     GenericPart,
     GenericServo,
     Kind,
@@ -30,6 +31,7 @@ __all__ = [
     "CartesianActuator",
     "Coupling",
     "Description",
+    "Eyes",
     "GenericPart",
     "GenericServo",
     "Grid",

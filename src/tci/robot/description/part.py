@@ -90,6 +90,15 @@ class Segment(Description):
     """Length [m] of the segment. The limb coordinate u is 1 at the segment's distal end."""
 
 
+class Eyes(Description):
+    """Where a head looks from. It looks along the torso frame's x axis when its generic angles are zero."""
+
+    link: str
+    """Link of the kinematic model that carries the eyes or cameras."""
+    xyz: Vector = (0.0, 0.0, 0.0)
+    """Position (3,) [m] of the point between them, in the frame of `link`."""
+
+
 class CartesianActuator(Description):
     """A point of a generic part whose position can be commanded (§3.1 of the paper)."""
 
@@ -138,6 +147,8 @@ class GenericPart(Description):
     segments: tuple[Segment, ...] = ()
     cartesian: tuple[CartesianActuator, ...] = ()
     """Points of this part for which Cartesian commands can set a position."""
+    eyes: Eyes | None = None
+    """Where a head looks from; None if the description doesn't tell."""
 
     @cached_property
     def R_TM(self) -> Array:

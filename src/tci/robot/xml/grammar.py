@@ -18,6 +18,7 @@ from tci.robot.description import (
     CartesianActuator,
     Coupling,
     Description,
+    Eyes,
     GenericPart,
     GenericServo,
     Grid,
@@ -211,6 +212,11 @@ GENERIC_ROBOT_PART = Element(
         "mount": Element(
             "Rotation of the base of the arm relative to the torso frame, at most 20 degrees in total.",
             may={"roll": Angle(), "pitch": Angle(), "yaw": Angle()},
+        ),
+        "eyes": Element(
+            "Where a head looks from: the point `xyz` of a `link`, between its eyes or cameras. With all "
+            "angles of the head at zero it looks along the x axis of the torso frame.",
+            needs={"link": NAME}, may={"xyz": POINT}, describes=Eyes,
         ),
         "generic_servo_number": Element("Number of `generic_servo` elements here.", text=Integer(1, 999)),
         "initial_positions": Element(

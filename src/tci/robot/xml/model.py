@@ -181,7 +181,7 @@ def _check_names(root: Node, names: ModelNames, faults: Faults) -> None:
             for node in (servo, *servo.all("mimic")):
                 check(node, "joint", names.joints, "moving joint")
     for generic in root.all("generic_robot_part"):
-        for node in (*generic.all("segment"), *generic.all("cartesian_actuator")):
+        for node in (*generic.all("segment"), *generic.all("cartesian_actuator"), *generic.all("eyes")):
             check(node, "link", names.links, "link")
     skin = root.first("skin")
     for patch in skin.all("patch") if skin is not None else ():

@@ -13,6 +13,7 @@ from tci.robot import generic_fingers
 from tci.robot.description import (
     USUAL_ACTUATORS,
     CartesianActuator,
+    Eyes,
     GenericPart,
     GenericServo,
     Segment,
@@ -68,8 +69,18 @@ def _part(node: Node, servos: Servos, faults: Faults) -> GenericPart:
         {
             "name": name, "kind": kind, "side": side, "servos": tuple(generic), "mount": angles,
             "segments": segments, "cartesian": _actuators(node, kind, segments, faults),
+            "eyes": _eyes(node, name, kind, faults),
         }
     )  # fmt: skip
+
+
+def _eyes(node: Node, name: str, kind: str, faults: Faults) -> Eyes | None:
+    eyes = node.first("eyes")
+    if eyes is None or not eyes.ok:
+        return None
+    if kind != "head":
+        faults.add(eyes.line, f'{name!r} has eyes and is no head; valid: kind="head"')
+    return Eyes(**eyes.fields)
 
 
 def _by_id(node: Node, name: str, faults: Faults) -> dict[int, Node]:

@@ -112,6 +112,8 @@ def _part(root: _Written, robot: Robot, part: GenericPart) -> None:
     written = root.add("generic_robot_part", part, robot_part=home, generic_servo_number=len(part.servos))
     if any(part.mount):
         written.add("mount", **dict(zip(("roll", "pitch", "yaw"), part.mount, strict=True)))
+    if part.eyes is not None:
+        written.add("eyes", part.eyes)
     for servo in part.servos:
         _generic_servo(written, robot, home, servo)
     mapped = [servo for servo in part.servos if servo.servo is not None]

@@ -1,7 +1,7 @@
 """A person's hand in the simulation: a palm and five finger tips on soft pads, carried by a soft arm.
 
 MuJoCo moves a mass on three springs (the arm), on which six capsules slide on springs of their own (the
-pads). What the hand is to do is a `HandPath`; `hand_control` moves the springs' ends.
+pads), all together sideways on two more. What the hand is to do is a `HandPath`; `hand_control` moves the springs' ends.
 """
 
 from __future__ import annotations
@@ -47,6 +47,9 @@ SKIN_GEOM = skin_geom("")
 SIDES = "left", "right"
 PAD_MASS = 0.015
 """Mass [kg] of a pad. Assumed: light, so that the blow is that of the hand behind it."""
+FLESH_MASS = 0.01
+"""Mass [kg] of what lies between the hand's bones and its pads, which gives way sideways: else the edge of a
+link that comes from the side would strike 0.6 kg rigidly, with hundreds of newtons. Assumed: light."""
 PAD_DAMPING, ARM_DAMPING = 0.5, 0.7
 """Damping ratios. Assumed."""
 _PALM, _TIP = (0.014, 0.025), (0.007, 0.012)
@@ -69,7 +72,7 @@ class PersonModel:
     mass: float = 0.6
     """Of a hand [kg]."""
     pad: float = 1500.0
-    """Stiffness of a pad [N/m]; people's are 1000 to 2000."""
+    """Stiffness [N/m] of a pad, and of all together sideways; people's are 1000 to 2000."""
     arm: float = 500.0
     """Stiffness of the arm at the hand [N/m]; people's are 200 to 800."""
     delay: float = 0.15
@@ -103,9 +106,17 @@ def add_hand(spec: mujoco.MjSpec, name: str, person: PersonModel, *, step: float
             plain, name=f"{name}_{axis}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=f"{name}_{axis}"
         )
         arm.set_to_position(kp=person.arm, kv=damping)
+    flesh = hand.add_body(name=f"{name}_flesh", gravcomp=1.0, mass=FLESH_MASS, inertia=[1e-6] * 3,
+                          explicitinertial=True)  # fmt: skip
+    sideways = 2.0 * PAD_DAMPING * np.sqrt(person.pad * (FLESH_MASS + len(PADS) * PAD_MASS))
+    for axis, direction in zip("xy", axes, strict=False):
+        flesh.add_joint(
+            plain, name=f"{name}_flesh_{axis}", type=slide, axis=direction, stiffness=[person.pad, 0.0, 0.0],
+            damping=[sideways, 0.0, 0.0],
+        )  # fmt: skip
     soft = 2.0 * PAD_DAMPING * np.sqrt(person.pad * PAD_MASS)
     for pad in PADS:
-        body = hand.add_body(name=f"{name}_{pad}", gravcomp=1.0)
+        body = flesh.add_body(name=f"{name}_{pad}", gravcomp=1.0)
         body.add_joint(
             plain, name=f"{name}_{pad}", type=slide, axis=[0.0, 0.0, 1.0], stiffness=[person.pad, 0.0, 0.0],
             damping=[soft, 0.0, 0.0],
@@ -411,11 +422,16 @@ class Hand:
         model, data = self._physics.model, self._physics.data
         R = data.xmat[link].reshape(3, 3)
         base: Array = data.xpos[link] + R @ moment["base"]
+        first, back, turn_back = int(self._state["pads"]), np.empty(9), np.empty(4)
+        flesh = model.body_quat[first - 1]
+        mujoco.mju_mulQuat(flesh, data.xquat[link], moment["turn"][0])
+        mujoco.mju_negQuat(turn_back, flesh)
+        mujoco.mju_quat2Mat(back, turn_back)
         for k, (place, turn) in enumerate(zip(moment["place"], moment["turn"], strict=True)):
-            body = int(self._state["pads"]) + k
-            model.body_pos[body] = data.xpos[link] + R @ place - base
-            mujoco.mju_mulQuat(model.body_quat[body], data.xquat[link], turn)
-        return base
+            model.body_pos[first + k] = back.reshape(3, 3) @ (data.xpos[link] + R @ place - base)
+            mujoco.mju_mulQuat(model.body_quat[first + k], data.xquat[link], turn)
+            mujoco.mju_mulQuat(model.body_quat[first + k], turn_back, model.body_quat[first + k].copy())
+        return base + R @ moment["ahead"]
 
     def _heights(self, path: HandPath, turns: Array, link: int) -> Array:
         """Heights (n, k) [m] above a path's points at which each pad first touches a body, of those that lie

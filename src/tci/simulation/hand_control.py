@@ -27,8 +27,9 @@ RING = 4096
 """Steps that the person remembers."""
 TRACE = 40_000
 """Steps of a hand's record."""
-DOFS = 3 + PADS
-"""Joints of a hand, in this order: where it is in the world (3), and how far each pad is pushed in."""
+DOFS = 3 + 2 + PADS
+"""Joints of a hand, in this order: where it is in the world (3), how far the flesh has given way sideways (2),
+and how far each pad is pushed in."""
 _F, _I = np.float64, np.int64
 HAND = np.dtype([
     *[(name, _I) for name in ("active", "start", "first", "count", "guided", "link", "hit", "traced")],
@@ -46,10 +47,10 @@ HAND = np.dtype([
 - `link`: index of the touched body.
 - `hit`, `traced`: 1 after the first contact; number of steps in its record.
 - `joint`, `dof`, `actuator`, `sensor`, `pads`: indices of its first joint in `qpos` and `qvel`, its first
-  actuator, its first sensor value and its first pad's body.
+  actuator, its first sensor value and its first pad's body, which is after that of the flesh.
 - `delay`: of the person, at least 1 [steps].
-- `stiffness`, `damping`, `pad`, `omega`: of the arm [N/m] and [N s/m], of a pad [N/m], and the frequency of
-  the person's filter [rad/s].
+- `stiffness`, `damping`, `pad`, `omega`: of the arm [N/m] and [N s/m], of a pad and of the flesh [N/m], and
+  the frequency of the person's filter [rad/s].
 - `place`, `turn`, `spin`, `drift`: the link's pose that the hand follows, and how that moves on: rotation
   [rad/s], and velocity [m/s] at the world's origin.
 - `target`: where it was to be in the latest step [m].
@@ -57,12 +58,13 @@ HAND = np.dtype([
 - `force`, `peak`: contact force in the latest step, and the largest one [N].
 - `begun`, `lost`: times [s] of the first contact and of the latest loss of contact."""
 MOMENT = np.dtype([
-    ("base", _F, (3,)), ("push", _F, (3,)), ("asked", _F),
+    ("base", _F, (3,)), ("ahead", _F, (3,)), ("push", _F, (3,)), ("asked", _F),
     ("place", _F, (PADS, 3)), ("normal", _F, (PADS, 3)), ("turn", _F, (PADS, 4)), ("share", _F, (PADS,)),
 ])  # fmt: skip
 """What a hand is to do in one step, in the touched link's frame:
 
 - `base`: where it should be [m]: in the middle of its pads in use.
+- `ahead`: how far the hand is before that [m], since the flesh of a grip gives way sideways.
 - `push`: force [N] that this needs beyond the spring of its arm.
 - `asked`: force of all pads [N].
 - `place`, `normal`, `turn`, `share`: of each pad, where its tip should be [m], the outward normal, the
@@ -205,6 +207,10 @@ def guide(number: int, step: float, ctrl: Array, hands: Arrays) -> None:
         turn = (hand.turn[0], hand.turn[1], hand.turn[2], hand.turn[3])
         bx, by, bz = _turned(turn, row.base[0], row.base[1], row.base[2])
         px, py, pz = row.push[0], row.push[1], row.push[2]
+        flesh = _times(turn, (row.turn[0, 0], row.turn[0, 1], row.turn[0, 2], row.turn[0, 3]))
+        back = (flesh[0], -flesh[1], -flesh[2], -flesh[3])
+        for i in range(4):
+            body_quat[hand.pads - 1, i] = flesh[i]
         for k in range(PADS):
             more = row.share[k] * trim
             deeper = more / hand.pad
@@ -215,10 +221,15 @@ def guide(number: int, step: float, ctrl: Array, hands: Arrays) -> None:
                 row.place[k, 2] - deeper * nz,
             )  # fmt: skip
             pad = hand.pads + k
-            body_pos[pad, 0], body_pos[pad, 1], body_pos[pad, 2] = x - bx, y - by, z - bz
-            w, a, b, c = _times(turn, (row.turn[k, 0], row.turn[k, 1], row.turn[k, 2], row.turn[k, 3]))
-            body_quat[pad, 0], body_quat[pad, 1], body_quat[pad, 2], body_quat[pad, 3] = w, a, b, c
-        target = (bx + hand.place[0], by + hand.place[1], bz + hand.place[2])
+            at_pad = _turned(back, x - bx, y - by, z - bz)
+            own_turn = _times(turn, (row.turn[k, 0], row.turn[k, 1], row.turn[k, 2], row.turn[k, 3]))
+            own_turn = _times(back, own_turn)
+            for i in range(3):
+                body_pos[pad, i] = at_pad[i]
+            for i in range(4):
+                body_quat[pad, i] = own_turn[i]
+        ahead = _turned(turn, row.ahead[0], row.ahead[1], row.ahead[2])
+        target = (bx + hand.place[0] + ahead[0], by + hand.place[1] + ahead[1], bz + hand.place[2] + ahead[2])
         push = _turned(turn, px, py, pz)
         square = 0.0
         for i in range(3):

@@ -158,6 +158,8 @@ def plan_of(
             plan["share"][:, number] = force[:, k] / np.maximum(total, 1e-9)
         else:
             plan["place"][:, number] += BEHIND * normals[:, k]
+    presses, out = -(force[:, :, None] * normals).sum(axis=1), plan["normal"][:, 0]
+    plan["ahead"] = (presses - (presses * out).sum(axis=1, keepdims=True) * out) / hand.pad
     return plan, flight
 
 

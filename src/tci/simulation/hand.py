@@ -1,7 +1,8 @@
 """A person's hand in the simulation: a palm and five finger tips on soft pads, carried by a soft arm.
 
 MuJoCo moves a mass on three springs (the arm), on which six capsules slide on springs of their own (the
-pads), all together sideways on two more. What the hand is to do is a `HandPath`; `hand_control` moves the springs' ends.
+pads), all together sideways on two more. What the hand is to do is a `HandPath`; `hand_control` moves the
+springs' ends.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from tci.simulation.hand_control import (
     TRACE,
     WINDOW,
 )
-from tci.simulation.hand_path import PADS, Ballistics, HandPath, Moments, plan_of, turn_of, turns_of
+from tci.simulation.hand_path import PADS, Ballistics, HandPath, Moments, plan_of, turns_of
 from tci.simulation.physics import Physics, exclusive
 from tci.simulation.touch import FINGER_PRIORITY, FRICTION, skin_geom, stiff
 from tci.skin.surfaces import Surface
@@ -340,7 +341,9 @@ class Hand:
     def turn(self, link: str, normal: ArrayLike) -> Array:
         """Orientation (4,) of a pad that touches against an outward normal, in the link's frame."""
         model = self._physics.model
-        return turn_of(np.asarray(normal) / np.linalg.norm(normal), _long_axis(model, model.body(link).id))
+        unit = np.reshape(normal, (1, 1, 3)) / np.linalg.norm(normal)
+        turn: Array = turns_of(unit, _long_axis(model, model.body(link).id))[0, 0]
+        return turn
 
     # ------------------------------------------------------------------ how it begins
 
@@ -349,7 +352,7 @@ class Hand:
         physics.refresh()
         link = model.body(path.link).id
         self._open(path, link)
-        turns = turns_of(path, _long_axis(model, link))
+        turns = turns_of(np.array(path.normals), _long_axis(model, link))
         heights = self._heights(path, turns, link)
         for run_up in _RUN_UPS:
             plan, flight = plan_of(path, heights, turns, physics.step, self._ballistics, run_up)
@@ -422,16 +425,18 @@ class Hand:
         model, data = self._physics.model, self._physics.data
         R = data.xmat[link].reshape(3, 3)
         base: Array = data.xpos[link] + R @ moment["base"]
-        first, back, turn_back = int(self._state["pads"]), np.empty(9), np.empty(4)
+        first, back = int(self._state["pads"]), np.empty(9)
+        turn_back, in_world = np.empty((2, 4))
         flesh = model.body_quat[first - 1]
         mujoco.mju_mulQuat(flesh, data.xquat[link], moment["turn"][0])
         mujoco.mju_negQuat(turn_back, flesh)
         mujoco.mju_quat2Mat(back, turn_back)
         for k, (place, turn) in enumerate(zip(moment["place"], moment["turn"], strict=True)):
             model.body_pos[first + k] = back.reshape(3, 3) @ (data.xpos[link] + R @ place - base)
-            mujoco.mju_mulQuat(model.body_quat[first + k], data.xquat[link], turn)
-            mujoco.mju_mulQuat(model.body_quat[first + k], turn_back, model.body_quat[first + k].copy())
-        return base + R @ moment["ahead"]
+            mujoco.mju_mulQuat(in_world, data.xquat[link], turn)
+            mujoco.mju_mulQuat(model.body_quat[first + k], turn_back, in_world)
+        hand: Array = base + R @ moment["ahead"]
+        return hand
 
     def _heights(self, path: HandPath, turns: Array, link: int) -> Array:
         """Heights (n, k) [m] above a path's points at which each pad first touches a body, of those that lie

@@ -28,8 +28,8 @@ RING = 4096
 TRACE = 40_000
 """Steps of a hand's record."""
 DOFS = 3 + 2 + PADS
-"""Joints of a hand, in this order: where it is in the world (3), how far the flesh has given way sideways (2),
-and how far each pad is pushed in."""
+"""Joints of a hand, in this order: where it is in the world (3), how far the flesh has given way sideways
+(2), and how far each pad is pushed in."""
 _F, _I = np.float64, np.int64
 HAND = np.dtype([
     *[(name, _I) for name in ("active", "start", "first", "count", "guided", "link", "hit", "traced")],

@@ -197,28 +197,23 @@ def depth_of(
     return _rounded(depth, step), force
 
 
-def turns_of(path: HandPath, along: Array) -> Array:
-    """Orientations (n, k, 4) of a path's pads, as quaternions in the link's frame: z into the skin, x along
-    the limb, whose direction is `along` (3,)."""
-    normals = np.array(path.normals)
-    found = np.empty((*normals.shape[:2], 4))
-    for k in range(normals.shape[1]):
-        for n, normal in enumerate(normals[:, k]):
-            found[n, k] = turn_of(normal, along)
-            if n and found[n, k] @ found[n - 1, k] < 0.0:
-                found[n, k] *= -1.0
+def turns_of(normals: Array, along: Array) -> Array:
+    """Orientations (n, k, 4) of pads that touch against outward unit normals (n, k, 3), as quaternions: z
+    into the skin, x along the limb, whose direction is `along` (3,)."""
+    flat = normals.reshape(-1, 3)
+    x = along - (flat @ along)[:, None] * flat
+    across = np.linalg.norm(x, axis=1) < 0.1
+    if across.any():  # any direction in the skin
+        x[across] = np.linalg.svd(flat[across, None])[2][:, 1]
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    rotations = np.stack([x, np.cross(-flat, x), -flat], axis=2).reshape(-1, 9)
+    found = np.empty((len(flat), 4))
+    for turn, rotation in zip(found, rotations, strict=True):
+        mujoco.mju_mat2Quat(turn, rotation)
+    found = found.reshape(*normals.shape[:2], 4)
+    turned = (found[1:] * found[:-1]).sum(axis=2) < 0.0
+    found[1:] *= np.cumprod(np.where(turned, -1.0, 1.0), axis=0)[:, :, None]
     return found
-
-
-def turn_of(normal: Array, along: Array) -> Array:
-    """Orientation (4,) of one pad, as in `turns_of`."""
-    x = along - (along @ normal) * normal
-    if np.linalg.norm(x) < 0.1:
-        x = np.linalg.svd(normal[None])[2][1]
-    x /= np.linalg.norm(x)
-    rotation, turn = np.column_stack([x, np.cross(-normal, x), -normal]), np.empty(4)
-    mujoco.mju_mat2Quat(turn, np.ascontiguousarray(rotation).ravel())
-    return turn
 
 
 def _softened_ends(force: Array, step: float) -> Array:

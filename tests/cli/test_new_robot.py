@@ -126,3 +126,48 @@ def test_what_check_refuses_is_not_written_and_all_commands_agree(
     file.write_text(write_robot(propose(model, name="made"), file=model.name))
     for command in (["check"], ["check", "--simulate"], ["skin", "check"]):
         assert words in tci(*command, str(file), status=1)
+
+
+def symmetric_fingers(folder: Path) -> Path:
+    return with_hands(MadeHumanoid(legs=False).urdf(folder), made_hands.allegro(), limits=(-1.0, 1.0))
+
+
+def elbow_of_both_ways(folder: Path) -> Path:
+    path = MadeHumanoid(elbow=(-2.2, 2.2), legs=False).urdf(folder)
+    path.write_text(re.sub(r"(_elbow' .*?<axis xyz=)'0 1 0'", r"\1'1 0 0'", path.read_text()))
+    return path
+
+
+def no_meshes(folder: Path) -> Path:
+    return MadeHumanoid(mesh="shapes", legs=False).urdf(folder)
+
+
+def shapes_beside(folder: Path) -> Path:
+    path = MadeHumanoid(legs=False).urdf(folder)
+    shape = "<cylinder radius='0.03' length='0.2'/>"
+    text = path.read_text()
+    for name in ("left_elbow", "left_wrist_roll", "right_elbow", "right_wrist_roll"):
+        start = text.index(shape, text.index(f"<link name='{name}_link'>")) - 120
+        text = text[:start] + text[start:].replace("xyz='0 0 -0.08'", "xyz='0.08 0 -0.08'", 1)
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("model", "options"),
+    [
+        (symmetric_fingers, {"--fingers none"}),
+        (elbow_of_both_ways, {"--elbow 1", "--elbow -1"}),
+        (no_meshes, {"--without-meshes"}),
+        (shapes_beside, {"--no-sleeves", "--without-meshes"}),
+    ],
+)
+def test_every_option_that_a_refusal_offers_is_followed_with_success(
+    model: Callable[[Path], Path], options: set[str], tmp_path: Path
+) -> None:
+    path = model(tmp_path)
+    words = tci("new-robot", str(path), status=1)
+    offered = re.findall(r"--(?:fingers [a-z]+|elbow -?1|without-meshes|no-sleeves)", words)
+    assert set(offered) == options
+    for option in offered:
+        tci("new-robot", str(path), "--force", *option.split())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ class MeshFiles:
         self._model = model
         self._above = model.resolve().parents
         self._own = {} if folder in (None, NO_MESHES) else _by_name(Path(str(folder)))
+        self._missing: dict[str, dict[str, str]] = {}
         self._faults: dict[str, Fault] = {}
 
     def find(self, name: str) -> Path | None:
@@ -50,12 +52,12 @@ class MeshFiles:
                 return file
         if found := _most_alike(relative, self._own.get(relative.name.lower(), [])):
             return found
-        message = f"mesh {name}: "
         if name.startswith(_PACKAGE):
-            message += f"no folder {relative.parts[0]!r} with this file above {self._model.parent}"
+            why = f"no folder {relative.parts[0]!r} with this file above {self._model.parent}"
+            where = relative.parts[0]
         else:
-            message += f"{places[0]} is not a file"
-        self._faults[name] = Fault(0, message + _other_case(places))
+            why, where = f"{places[0]} is not a file", str(places[0].parent)
+        self._missing.setdefault(where, {})[name] = why + _other_case(places)
         return None
 
     def readable(self, file: Path, assets: dict[str, bytes]) -> str:
@@ -71,11 +73,20 @@ class MeshFiles:
         return name
 
     def check(self) -> None:
-        """Raises DescriptionError with a list of all meshes that are missing or broken, if there are any."""
-        if self._faults:
-            *others, last = self._faults.values()
+        """Raises DescriptionError with a line for each folder that lacks meshes, and for each mesh that is
+        broken, if there are any."""
+        faults = [*(_without(folder, meshes) for folder, meshes in self._missing.items())]
+        faults += self._faults.values()
+        if faults:
+            *others, last = faults
             message = f"{last.message}; {VALID_MESHES}"
             raise DescriptionError(str(self._model), [*others, Fault(last.line, message)])
+
+
+def _without(folder: str, missing: Mapping[str, str]) -> Fault:
+    name, why = next(iter(missing.items()))
+    also = f" ({len(missing) - 1} others of {folder} are missing too)" if len(missing) > 1 else ""
+    return Fault(0, f"mesh {name}: {why}{also}")
 
 
 def _by_name(folder: Path) -> dict[str, list[Path]]:

@@ -3,6 +3,7 @@ with advice."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -185,7 +186,7 @@ def test_names_that_contradict_places_are_an_error_with_a_choice(tmp_path: Path)
     words = faults(path)
     assert "fingers of the left hand" in words
     assert "by their places, from the thumb on, they are middle, index" in words
-    assert "--fingers names or --fingers places" in words
+    assert "--fingers names or --fingers places or --fingers none (hands without fingers)" in words
     assert flexions(path, "names")["index_flexion"] == "left_hand_index_0"
     assert flexions(path, "places")["index_flexion"] == "left_hand_middle_0"
     assert not flexions(path, "none")
@@ -194,14 +195,16 @@ def test_names_that_contradict_places_are_an_error_with_a_choice(tmp_path: Path)
 def test_a_finger_named_thumb_that_bends_as_the_others_is_doubted(tmp_path: Path) -> None:
     other = {f"joint_0{end}": f"thumb{end}" for end in ("", "_1", "_2", "_3")}
     path = handed(tmp_path, made_hands.allegro(), names=other)
-    assert "left_joint_12 bends as a thumb does, and the name of left_thumb is that of a thumb" in faults(
-        path
-    )
+    words = faults(path)
+    assert "left_joint_12 bends as a thumb does, and the name of left_thumb is that of a thumb" in words
+    for option in re.findall("--fingers ([a-z]+)", words):
+        assert bool(flexions(path, option)) is (option != "none")
 
 
 def test_limits_that_do_not_tell_a_direction_are_an_error(tmp_path: Path) -> None:
     path = handed(tmp_path, made_hands.allegro(), limits=(-1.0, 1.0))
-    assert "leave open in which direction they bend a finger" in faults(path)
+    words = faults(path)
+    assert "leave open in which direction they bend a finger; valid: --fingers none (hands" in words
     assert not flexions(path, "none")
 
 

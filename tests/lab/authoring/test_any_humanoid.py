@@ -303,7 +303,8 @@ def test_all_missing_meshes_are_listed_and_can_be_left_out_or_found(tmp_path: Pa
     with pytest.raises(DescriptionError) as error:
         propose(path, name="made")
     words = str(error.value)
-    assert words.count("is not a file") == len(error.value.faults) == 2 + 2 + 2 * (6 + 6)
+    assert words.count("is not a file") == len(error.value.faults) == 1, "one line for one missing folder"
+    assert f"({2 + 2 + 2 * (6 + 6) - 1} others of {tmp_path / 'shapes'} are missing too)" in words
     assert "--without-meshes" in words
     bare = propose(path, name="made", meshes="none")
     assert len(bare.patches) == 4
@@ -403,7 +404,8 @@ def test_shapes_beside_their_limb_are_refused(tmp_path: Path) -> None:
     path.write_text(text)
     words = faults(path)
     assert "lie 80 mm beside the axis of left_arm's forearm" in words
-    assert "--without-meshes" in words
+    assert "valid: --no-sleeves, --without-meshes" in words
+    assert not propose(path, name="made", cover=False).patches
     bare = propose(path, name="made", meshes="none")
     assert len(bare.patches) == 4
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -44,23 +44,45 @@ def find_hands(
     body: FoundLimbs, facts: Mapping[str, JointFacts], points: LinkPoints, path: str, *, trust: Trust | None
 ) -> Hands:
     """Returns the fingers of both hands. `trust` decides if names and places of fingers contradict each
-    other. Raises DescriptionError if the fingers of a hand can't be identified."""
+    other. Raises DescriptionError if the fingers of a hand can't be identified; its advice has the values of
+    `trust` with which they can."""
+    ends = {name: _tips(body, limb.bend, points) for name, limb in body.arms.items()}
+    try:
+        return _alike(_find(body, facts, ends, trust))
+    except _DoubtfulHandError as doubt:
+        able = [one for one in get_args(Trust) if _finds(body, facts, ends, one)]
+        message = f"{doubt}; valid: {' or '.join(f'--fingers {one}' for one in able)}"
+        raise DescriptionError(path, [Fault(0, f"{message} (hands without fingers)")]) from None
+
+
+class _DoubtfulHandError(Exception):
+    """Fingers of one hand that can't be identified."""
+
+
+def _find(
+    body: FoundLimbs, facts: Mapping[str, JointFacts], ends: Mapping[str, Mapping[int, Array]],
+    trust: Trust | None,
+) -> Hands:  # fmt: skip
     hands: dict[Side, tuple[Finger, ...]] = {}
-    for name, limb in body.arms.items():
+    for name, limb in body.arms.items() if trust != "none" else ():
         side: Side = "left" if name == "left" else "right"
         try:
-            found = () if trust == "none" else find_fingers(
-                body.joints, limb.bend, side, facts, _tips(body, limb.bend, points), trust=trust
-            )  # fmt: skip
+            found = find_fingers(body.joints, limb.bend, side, facts, ends[name], trust=trust)
         except DoubtfulFingersError as doubt:
-            message = (
-                f"fingers of the {side} hand: {doubt}; valid: --fingers names or --fingers places to decide "
-                "by those, or --fingers none"
-            )
-            raise DescriptionError(path, [Fault(0, message)]) from None
+            raise _DoubtfulHandError(f"fingers of the {side} hand: {doubt}") from None
         if found:
             hands[side] = found
-    return _alike(hands)
+    return hands
+
+
+def _finds(
+    body: FoundLimbs, facts: Mapping[str, JointFacts], ends: Mapping[str, Mapping[int, Array]], trust: Trust
+) -> bool:
+    try:
+        _find(body, facts, ends, trust)
+    except _DoubtfulHandError:
+        return False
+    return True
 
 
 def _alike(hands: Hands) -> Hands:

@@ -73,8 +73,8 @@ def sleeves(body: FoundLimbs, limb: Limb, part: GenericPart, points: LinkPoints)
         if aside > max(fit.r1, fit.r2):
             message = (
                 f"the shapes of {', '.join(links[segment])} lie {1e3 * aside:.0f} mm beside the axis of "
-                f"{part.name}'s {segment}, so skin around them would not cover it; valid: --without-meshes, "
-                "or a model whose shapes are around its joints"
+                f"{part.name}'s {segment}, so skin around them would not cover it; valid: --no-sleeves, "
+                "--without-meshes, or a model whose shapes are around its joints"
             )
             raise DescriptionError(points.source, [Fault(0, message)])
         patches.append(cone_patch(f"{part.side}_{segment}", body, part, segment, fit, points, across=bend))

@@ -16,6 +16,7 @@ from tci.capabilities.fields import BODY_JOINTS, BodyFields, default_body_fields
 from tci.errors import DescriptionError, TciError
 from tci.messages import Contact, Contacts, GenericCommand, Landmark, Perception, Support
 from tci.messages.frames import Array
+from tci.testing import TouchedRobot
 
 POSTURE = {"head": np.zeros(3), "torso": np.zeros(3), "left_leg": np.zeros(6), "left_arm": np.zeros(5)}
 FACE = default_body_fields().field[0]
@@ -52,7 +53,7 @@ def step(
 
 
 def test_gain_is_that_of_equation_5() -> None:
-    reflex = BodyWithdrawal()
+    reflex = BodyWithdrawal(response="meant")
     force = reflex.fields.force
     middle = (force.threshold_n + force.saturation_n) / 2.0
     for pressed, distance, gain in (
@@ -70,7 +71,7 @@ def test_gain_is_that_of_equation_5() -> None:
 
 
 def test_one_touch_is_answered_once() -> None:
-    reflex = BodyWithdrawal()
+    reflex = BodyWithdrawal(response="meant")
     commands, memory = step(reflex, see(press("head", 1.0), stamp=0.0))
     assert len(commands) == 1
     assert list(memory) == ["head"]
@@ -89,7 +90,7 @@ def test_one_touch_is_answered_once() -> None:
 
 @pytest.mark.parametrize(("refractory", "period"), [(0.5, 0.6), (0.005, 0.01)])
 def test_a_lasting_touch_is_answered_once_however_rarely_it_is_seen(refractory: float, period: float) -> None:
-    reflex = BodyWithdrawal(refractory=refractory)
+    reflex = BodyWithdrawal(refractory=refractory, response="meant")
     memory, moments = reflex.init(BODY), []
     for tick in range(20):
         posture = POSTURE | {"head": np.full(3, 0.1 * tick)}
@@ -103,7 +104,7 @@ def test_a_lasting_touch_is_answered_once_however_rarely_it_is_seen(refractory: 
 
 
 def test_a_withdrawal_in_the_place_of_one_that_is_over_is_sent() -> None:
-    reflex = BodyWithdrawal()
+    reflex = BodyWithdrawal(response="meant")
     _, memory = step(reflex, see(press("head", 5.0), stamp=0.0))
     nothing, memory = step(reflex, see(stamp=0.3), memory)
     assert not nothing
@@ -114,7 +115,7 @@ def test_a_withdrawal_in_the_place_of_one_that_is_over_is_sent() -> None:
 
 
 def test_a_touch_that_a_leg_has_answered_is_not_answered_again_after_a_refusal() -> None:
-    reflex = BodyWithdrawal(stance="supported")
+    reflex = BodyWithdrawal(stance="supported", response="meant")
     shank, sole = press("left_leg", 5.0, segment="shank"), press("right_leg", 20.0, segment="foot")
     memory, moments = reflex.init(BODY), []
     for tick in range(100):
@@ -129,7 +130,7 @@ def test_a_touch_that_a_leg_has_answered_is_not_answered_again_after_a_refusal()
 
 
 def test_a_leg_that_may_move_again_goes_as_far_as_the_touch_asks_for() -> None:
-    reflex = BodyWithdrawal(stance="supported")
+    reflex = BodyWithdrawal(stance="supported", response="meant")
     light, hard = (press("left_leg", force, segment="shank") for force in (0.5, 5.0))
     sole = press("right_leg", 20.0, segment="foot")
     first, memory = step(reflex, see(light, stamp=0.0, at=SHIN.landmark))
@@ -142,19 +143,19 @@ def test_a_leg_that_may_move_again_goes_as_far_as_the_touch_asks_for() -> None:
 
 def test_a_standing_robot_keeps_its_legs_and_says_why() -> None:
     shin = see(press("left_leg", 5.0, segment="shank"), at=SHIN.landmark)
-    commands, memory = step(BodyWithdrawal(), shin)
+    commands, memory = step(BodyWithdrawal(response="meant"), shin)
     assert not commands
     assert "stands" in memory.refused["left_leg"].reason
-    assert BodyWithdrawal().notes(memory) == (
+    assert BodyWithdrawal(response="meant").notes(memory) == (
         f"left_leg was touched and does not move: {memory.refused['left_leg'].reason}",
     )
-    commands, memory = step(BodyWithdrawal(stance="supported"), shin)
+    commands, memory = step(BodyWithdrawal(stance="supported", response="meant"), shin)
     assert [command.part for command in commands] == ["left_leg"]
     assert not memory.refused
 
 
 def test_weight_under_a_sole_is_believed_before_anybody() -> None:
-    reflex = BodyWithdrawal(stance="supported")
+    reflex = BodyWithdrawal(stance="supported", response="meant")
     shank = press("left_leg", 5.0, segment="shank")
     sole = press("right_leg", 20.0, segment="foot")
     commands, memory = step(reflex, see(shank, sole, at=SHIN.landmark))
@@ -165,32 +166,33 @@ def test_weight_under_a_sole_is_believed_before_anybody() -> None:
 
 
 def test_other_parts_answer_while_the_legs_carry() -> None:
-    commands, _ = step(BodyWithdrawal(), see(press("head", 5.0), press("right_leg", 50.0, segment="foot")))
+    reflex = BodyWithdrawal(response="meant")
+    commands, _ = step(reflex, see(press("head", 5.0), press("right_leg", 50.0, segment="foot")))
     assert [command.part for command in commands] == ["head"]
 
 
 def test_a_part_without_the_joint_does_not_answer() -> None:
     head = see(press("head", 5.0), joints={"head": np.array([False, True, True])})
-    assert not step(BodyWithdrawal(), head)[0]
+    assert not step(BodyWithdrawal(response="meant"), head)[0]
     head = see(press("head", 5.0), joints={"head": np.array([True, False, False])})
-    assert step(BodyWithdrawal(), head)[0]
+    assert step(BodyWithdrawal(response="meant"), head)[0]
 
 
 def test_arms_are_left_to_their_own_reflex() -> None:
-    assert not step(BodyWithdrawal(), see(press("left_arm", 5.0, segment="forearm")))[0]
+    assert not step(BodyWithdrawal(response="meant"), see(press("left_arm", 5.0, segment="forearm")))[0]
 
 
 def test_the_order_of_contacts_plays_no_part() -> None:
     one, other = press("head", 1.0, sequence=1), press("head", 3.0, sequence=1)
-    first, _ = step(BodyWithdrawal(), see(one, other))
-    second, _ = step(BodyWithdrawal(), see(other, one))
+    first, _ = step(BodyWithdrawal(response="meant"), see(one, other))
+    second, _ = step(BodyWithdrawal(response="meant"), see(other, one))
     np.testing.assert_array_equal(first[0].values, second[0].values)
 
 
 def test_settings_that_make_no_sense_are_refused() -> None:
     for change in ({"refractory": 0.0}, {"weight": np.inf}, {"stance": "floating"}):
         with pytest.raises(TciError, match="valid"):
-            replace(BodyWithdrawal(), **change)
+            replace(BodyWithdrawal(response="meant"), **change)
 
 
 @pytest.mark.parametrize(
@@ -218,7 +220,7 @@ def test_all_faults_of_a_field_are_told(tmp_path: Path) -> None:
     message = str(caught.value)
     for key in ("name", "kind", "towards", "radius_m"):
         assert f"field 1 (Nose), {key}" in message
-    assert "field 1 (Nose), size: unknown key; valid: name, kind, segment, towards" in message
+    assert "field 1 (Nose), size: unknown key; valid: name, kind, segment, motion_deg, towards" in message
 
 
 def test_a_joint_that_the_kind_lacks_is_refused() -> None:
@@ -231,3 +233,38 @@ def test_each_motion_has_an_angle_for_each_joint() -> None:
     for field in default_body_fields().field:
         assert len(field.motion) == len(BODY_JOINTS[field.kind])
         assert np.abs(field.motion).max() <= np.deg2rad(30.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "patches"),
+    [("nao-whole", ("head_skin", "left_shank", "left_thigh")), ("icub-whole", ("head_skin", "left_palm"))],
+)
+def test_every_place_is_answered_alike_or_a_reason_is_told(name: str, patches: tuple[str, ...]) -> None:
+    """By the blend; of the nearest fields half of the skin has none."""
+    touched, reflex = TouchedRobot(name), BodyWithdrawal(stance="supported")
+    for patch in patches:
+        at = touched.body.skin.surfaces[patch].positions
+        part, commands, refused = touched.robot.patch(patch).part, {}, 0
+        for taxel in range(len(at)):
+            seen = touched.perceive(patch, taxel=taxel, force=5.0)
+            orders, memory = reflex.step(reflex.init(touched.body), seen, touched.body)
+            for order in orders:
+                assert isinstance(order, GenericCommand)
+                commands[taxel] = np.rad2deg(order.values - seen.posture[part])
+            refused += not orders
+            assert orders or reflex.notes(memory) or not len(seen.contacts)
+        sizes = [float(np.abs(one).max()) for one in commands.values()]
+        apart = np.linalg.norm(at[:, None] - at[None], axis=-1) <= 0.013
+        near = [np.abs(a - b).max() for i, a in commands.items() for j, b in commands.items() if apart[i, j]]
+        print(patch, len(commands), refused, min(sizes), np.median(sizes), max(near))
+        assert min(sizes) >= 0.5 * np.median(sizes)
+        assert max(near) < 7.0
+
+
+def test_the_printed_equation_is_largest_at_the_edge() -> None:
+    reflex = BodyWithdrawal(response="printed")
+    sizes = []
+    for share in (0.0, 0.5, 0.9):
+        commands, _ = step(reflex, see(press("head", 5.0), distance=share * FACE.radius_m))
+        sizes.append(np.abs(commands[0].values).max() if commands else 0.0)
+    np.testing.assert_allclose(sizes, np.array([0.0, 0.5, 0.9]) * np.abs(FACE.motion).max(), atol=1e-12)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from tci.capabilities.contact_stop import StopMemory as StopMemory
     from tci.capabilities.fields import BodyField as BodyField
     from tci.capabilities.fields import BodyFields as BodyFields
+    from tci.capabilities.fields import BodyMotion as BodyMotion
     from tci.capabilities.fields import ForceRange as ForceRange
     from tci.capabilities.fields import ReceptiveField as ReceptiveField
     from tci.capabilities.fields import default_fields as default_fields
@@ -40,8 +41,8 @@ if TYPE_CHECKING:
     from tci.capabilities.sway import Sway as Sway
     from tci.capabilities.sway import SwayMemory as SwayMemory
     from tci.capabilities.withdrawal import Answer as Answer
-    from tci.capabilities.withdrawal import Response as Response
     from tci.capabilities.withdrawal import WithdrawalReflex as WithdrawalReflex
+    from tci.capabilities.withdrawal_memory import Response as Response
     from tci.capabilities.withdrawal_memory import Withdrawals as Withdrawals
     from tci.capabilities.wrapper import CapabilityWrapper as CapabilityWrapper
 else:

@@ -197,6 +197,27 @@ def _directness(motions: Array, i: int, speeds: Array, away_x: float, away_y: fl
     return out / np.sqrt(x * x + y * y + SLACK * SLACK * size) if out > 0.0 else 0.0
 
 
+@inlined
+def _mix(weights: Array, motions: Array, mixed: Array) -> None:
+    for j in range(motions.shape[1]):
+        total, moved = 0.0, 0.0
+        for i in range(len(motions)):
+            if motions[i, j] != 0.0:
+                total += weights[i]
+                moved += weights[i] * motions[i, j]
+        mixed[j] = moved / max(total, 1.0)
+
+
+@compiled(void(reads(1), reads(2), writes(1)))
+def mix(weights: Array, motions: Array, mixed: Array) -> None:
+    """Writes the blend (n,) [rad] of base `motions` (m, n) with `weights` (m,), 0 to 1, into `mixed`.
+
+    For each joint the weights of the motions that move it are at most 1 in total, so no joint goes beyond its
+    base motions.
+    """
+    _mix(weights, motions, mixed)
+
+
 @compiled(void(_FIELDS, reads(2), *_CONTACTS, reads(2), writes(2), writes(2), writes(1)))
 def blend(
     fields: NDArray[np.void],
@@ -213,8 +234,7 @@ def blend(
     """Mixes the base motions of all fields of the touched segment, for each of c contacts.
 
     A field's weight is how directly its motion takes the middle of the limb away from the touch, times its
-    nearness: 1 up to half its radius, 0 from the edge on. For each joint the weights of the fields that move
-    it are at most 1 in total, so no joint goes beyond its base motions.
+    nearness: 1 up to half its radius, 0 from the edge on. `mix` has the rest.
 
     Args:
         fields: m fields, of the type FIELD.
@@ -249,10 +269,4 @@ def blend(
         gains[c] = _phi(force, fields[first].threshold, fields[first].saturation)
         if most < LEAST:
             continue
-        for j in range(motions.shape[1]):
-            total, mixed = 0.0, 0.0
-            for i in range(len(fields)):
-                if motions[i, j] != 0.0:
-                    total += weights[i]
-                    mixed += weights[i] * motions[i, j]
-            blends[c, j] = mixed / max(total, 1.0)
+        _mix(weights, motions, blends[c])

@@ -1,8 +1,10 @@
-"""Withdrawal of head, torso, hands and legs (§4, beyond the arm): a touched part moves away (eqs 5-6).
+"""Withdrawal of head, torso, hands and legs (§4, beyond the arm): a touched part moves away.
 
-The distance d in eq. 5 is measured along the skin, since these parts have no limb coordinates. The force F is
-the sum over all taxels of a contact. A leg that carries the robot must not move. Therefore a leg responds to
-touches only in two cases:
+The answer is a blend of base motions, as on the arms, by how directly each takes the touched place away. The
+robot's own kinematics tell how directly, since these parts have no limb coordinates; so in eq. 5 ("meant" and
+"printed") the distance d is measured along the skin. The force F is the sum over all taxels of a contact.
+
+A leg that carries the robot must not move. Therefore a leg responds to touches only in two cases:
 
 - The `stance` is "supported", and no sole measures the robot's weight.
 - Other legs carry the robot: the soles of these legs measure the robot's weight, and the centre of mass would
@@ -13,20 +15,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
 from tci.body.generic_body import GenericBody
+from tci.capabilities.answer import LEAST, mix
 from tci.capabilities.capability import Capability
-from tci.capabilities.discounts import phi, psi
-from tci.capabilities.fields import BodyField, BodyFields, default_body_fields
+from tci.capabilities.discounts import phi, printed, psi
+from tci.capabilities.fields import BodyField, BodyFields, BodyMotion, default_body_fields
 from tci.capabilities.needs import Need
-from tci.capabilities.withdrawal_memory import Wish, Withdrawals
+from tci.capabilities.withdrawal_memory import RESPONSES, Response, Wish, Withdrawals
 from tci.capabilities.withdrawal_rule import blind_field, new_targets, withdraw_all
 from tci.errors import TciError
 from tci.messages import Contact, Contacts, Order, Perception
-from tci.messages.frames import Array
+from tci.messages.frames import Array, read_only
 from tci.reasons import Reason
 from tci.robot.description import SOLE
 
@@ -34,9 +37,12 @@ ALONE = (
     "the robot stands on its legs; a leg moves only if stance is 'supported', or if the sole of another leg "
     "measures {weight:g} N or more and that leg carries the robot alone"
 )
+SLACK = 0.02
+"""Speed [m/rad] of the touched place below which a motion loses its weight. Assumed: the slack of an arm
+(`answer.SLACK`) on a limb of 0.2 m."""
 
-
-BodyMemory = Withdrawals[BodyField]
+M = TypeVar("M", bound=BodyMotion)
+BodyMemory = Withdrawals[Response]
 """Current withdrawals by part, and the reasons for which other touched parts do not move."""
 
 
@@ -54,6 +60,10 @@ class BodyWithdrawal(Capability[BodyMemory]):
     refractory: float = 0.5
     """Refractory time [s]: if no touch has caused a response for this time, the part can withdraw again.
     Assumed: a hand that slides or shakes makes contact again in less time."""
+    response: Literal["blended", "meant", "printed"] = "blended"
+    """"blended": the motions of `fields.surround`, continuous over each part and segment. "meant" and
+    "printed": the nearest field that contains the contact answers by eqs 5-6, with parentheses as the text of
+    the paper means them, or as they are printed."""
     stance: Literal["standing", "supported"] = "standing"
     """`standing`: the legs carry the robot. `supported`: the robot hangs, sits or lies, so its legs carry no
     weight."""
@@ -73,6 +83,8 @@ class BodyWithdrawal(Capability[BodyMemory]):
                 raise TciError(f"body withdrawal: {name} {getattr(self, name)}; valid: above 0, finite")
         if self.stance not in ("standing", "supported"):
             raise TciError(f"body withdrawal: stance {self.stance!r}; valid: standing, supported")
+        if self.response not in RESPONSES:
+            raise TciError(f"body withdrawal: response {self.response!r}; valid: {', '.join(RESPONSES)}")
 
     def init(self, body: GenericBody) -> BodyMemory:
         for part in body.robot.parts:
@@ -120,30 +132,64 @@ class BodyWithdrawal(Capability[BodyMemory]):
         return None
 
     def _own(self, part: str, body: GenericBody) -> list[BodyField]:
-        """Returns the fields that are defined for the kind of `part`, for example for `leg` if the part is
-        `left_leg`. Fields whose base motion moves no joint of this robot are left out."""
-        has = body.has_joint(part)
-        own = [one for one in self.fields.field if part in body.parts(one.kind)]
-        return [one for one in own if len(one.motion) == len(has) and np.any(one.motion * has)]
+        """The fields of `part` whose base motion moves a joint of this robot."""
+        return _of(part, self.fields.field, body)
 
-    def _wishes(self, perception: Perception, body: GenericBody) -> dict[str, list[Wish[BodyField]]]:
-        """The responses that the contacts ask for, by part: that of the field with the nearest centre that
-        contains the contact (eqs 5-6)."""
-        wishes: dict[str, list[Wish[BodyField]]] = {}
-        force = self.fields.force
+    def _wishes(self, perception: Perception, body: GenericBody) -> dict[str, list[Wish[Response]]]:
+        """The responses that the contacts ask for, by part."""
+        wishes: dict[str, list[Wish[Response]]] = {}
         for index, touch in enumerate(perception.contacts):
             if touch.part not in perception.posture:
                 continue
-            fields = [one for one in self._own(touch.part, body) if one.segment == touch.segment]
-            apart = body.distances(touch, [one.landmark for one in fields])
-            inside = [pair for pair in zip(apart, fields, strict=True) if pair[0] < pair[1].radius_m]
-            if not inside:
-                continue
-            distance, found = min(inside, key=lambda pair: pair[0])
-            gain = phi(touch.force, force.threshold_n, force.saturation_n) * psi(distance, found.radius_m)
-            if gain > 0.0:
-                wishes.setdefault(touch.part, []).append(Wish(found, gain, index))
+            if self.response == "blended":
+                found = self._blended(touch, index, perception, body)
+            else:
+                found = self._nearest(touch, body)
+            if found is not None and found[1] > 0.0:
+                wishes.setdefault(touch.part, []).append(Wish(*found, index))
         return wishes
+
+    def _nearest(self, touch: Contact, body: GenericBody) -> tuple[Response, float] | None:
+        """The base motion of the field with the nearest centre that contains the contact, and its gain (eqs
+        5-6)."""
+        fields = [one for one in self._own(touch.part, body) if one.segment == touch.segment]
+        apart = body.distances(touch, [one.landmark for one in fields])
+        inside = [pair for pair in zip(apart, fields, strict=True) if pair[0] < pair[1].radius_m]
+        if not inside:
+            return None
+        distance, found = min(inside, key=lambda pair: pair[0])
+        range_n = self.fields.force.threshold_n, self.fields.force.saturation_n
+        if self.response == "printed":
+            gain = printed(touch.force, *range_n, distance, found.radius_m)
+        else:
+            gain = phi(touch.force, *range_n) * psi(distance, found.radius_m)
+        return Response(found.name, found.motion), gain
+
+    def _blended(
+        self, touch: Contact, index: int, perception: Perception, body: GenericBody
+    ) -> tuple[Response, float] | None:
+        """The blend of the motions of the touched segment, and its gain; no motion where none takes the
+        touched place away directly enough, None without any."""
+        own = [*_of(touch.part, self.fields.surround or self.fields.field, body)]
+        own = [one for one in own if one.segment == touch.segment]
+        fields = [one for one in own if isinstance(one, BodyField)]
+        near = np.ones(len(own))
+        if fields:  # without a surround: fields of a user
+            pairs = zip(body.distances(touch, [one.landmark for one in fields]), fields, strict=True)
+            near = np.array([min(2.0 * psi(d, one.radius_m), 1.0) for d, one in pairs])
+        if not near.any():
+            return None
+        motions = np.array([one.motion for one in own])
+        here = perception.posture[touch.part]
+        away, across = body.retreat_at_ends(perception, touch.part, here + motions)[:, :, index]
+        slack = SLACK * np.linalg.norm(motions, axis=1)
+        weights = near * np.maximum(away, 0.0) / np.sqrt(away * away + across * across + slack * slack)
+        mixed = np.zeros(motions.shape[1])
+        if weights.max() >= LEAST:
+            mix(read_only(weights), read_only(motions), mixed)
+        force = self.fields.force
+        response = Response(touch.segment or touch.part, tuple(mixed.tolist()))
+        return response, phi(touch.force, force.threshold_n, force.saturation_n)
 
     def _heavy(self, contacts: Sequence[Contact]) -> dict[str, float]:
         """Returns the force [N] on the soles of each leg that carries the robot, by name of the leg."""
@@ -183,3 +229,11 @@ class BodyWithdrawal(Capability[BodyMemory]):
             f"{told}, and its centre of mass would be {where} the edge of that sole; valid: "
             f"{self.margin * 1e3:g} mm inside or more"
         )
+
+
+def _of(part: str, motions: Sequence[M], body: GenericBody) -> list[M]:
+    """Those of the kind of `part`, for example of `leg` if the part is `left_leg`, that move a joint of this
+    robot."""
+    has = body.has_joint(part)
+    own = [one for one in motions if part in body.parts(one.kind)]
+    return [one for one in own if len(one.motion) == len(has) and np.any(one.motion * has)]

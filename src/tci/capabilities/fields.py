@@ -108,20 +108,15 @@ class ReceptiveField(Circle):
         return self
 
 
-class BodyField(Description):
-    """A disc on the skin of a part, and the motion in response to a touch of this disc (eqs 5-6)."""
+class BodyMotion(Description):
+    """A base motion of a part: the response "blended" mixes those of the touched segment."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
-    """Name of the field. No other field of a set has this name."""
+    """Name of the motion or field. No other one of a set has this name."""
     kind: BodyKind
-    """Kind of the generic part on which the field lies."""
+    """Kind of the generic part that is touched."""
     segment: str = ""
     """Segment of the part. The text is empty for skin that belongs to no segment."""
-    towards: Annotated[Vector, Field(strict=False)]
-    """Direction (3,) of a ray from the middle of the skin. The ray reaches the skin at the centre of the
-    field, see `tci.messages.Landmark`."""
-    radius_m: Annotated[float, Field(gt=0.0, le=1.0)]
-    """Radius r_i [m], measured along the skin (geodesic)."""
     motion_deg: dict[str, float]
     """Base motion Theta_i [degrees] by generic joint."""
 
@@ -132,14 +127,9 @@ class BodyField(Description):
             raise ValueError(
                 f"motion_deg names {', '.join(unknown)}, which a {self.kind} lacks; valid: {', '.join(valid)}"
             )
-        if not any(self.motion_deg.values()) or not any(self.towards):
-            raise ValueError("motion_deg and towards must not be all zero")
+        if not any(self.motion_deg.values()):
+            raise ValueError("motion_deg must not be all zero")
         return self
-
-    @property
-    def landmark(self) -> Landmark:
-        """Centre of the field as a landmark on the skin."""
-        return Landmark(self.segment, self.towards)
 
     @property
     def motion(self) -> tuple[float, ...]:
@@ -148,15 +138,38 @@ class BodyField(Description):
         return tuple(radians(self.motion_deg.get(joint, 0.0)) for joint in BODY_JOINTS[self.kind])
 
 
+class BodyField(BodyMotion):
+    """A disc on the skin of a part, and the motion in response to a touch of this disc (eqs 5-6)."""
+
+    towards: Annotated[Vector, Field(strict=False)]
+    """Direction (3,) of a ray from the middle of the skin. The ray reaches the skin at the centre of the
+    field, see `tci.messages.Landmark`."""
+    radius_m: Annotated[float, Field(gt=0.0, le=1.0)]
+    """Radius r_i [m], measured along the skin (geodesic)."""
+
+    @model_validator(mode="after")
+    def _points(self) -> Self:
+        if not any(self.towards):
+            raise ValueError("towards must not be all zero")
+        return self
+
+    @property
+    def landmark(self) -> Landmark:
+        """Centre of the field as a landmark on the skin."""
+        return Landmark(self.segment, self.towards)
+
+
 class BodyFields(Description):
     """A set of fields, and the range of force over which their responses increase from none to full."""
 
     force: ForceRange
     field: Annotated[tuple[BodyField, ...], Field(min_length=1, strict=False)]
+    surround: Annotated[tuple[BodyMotion, ...], Field(strict=False)] = ()
+    """What the response "blended" mixes; without any, the motions of the fields."""
 
     @model_validator(mode="after")
     def _one_name_each(self) -> Self:
-        names = [field.name for field in self.field]
+        names = [one.name for one in (*self.field, *self.surround)]
         if repeated := sorted({name for name in names if names.count(name) > 1}):
             raise ValueError(f"{', '.join(repeated)}: each field needs its own name")
         return self
@@ -281,6 +294,8 @@ def _sentence(raw: dict[str, Any], fault: Any, whole: type[Description], field: 
         table = raw[keys[0]][keys[1]]
         name = table.get("name", "no name") if isinstance(table, dict) else "no table"
         place, kind = f"{keys[0]} {keys[1] + 1} ({name})", field
+        if keys[0] == "surround" and field is BodyField:
+            kind = BodyMotion
         keys = keys[2:]
     where = ", ".join(filter(None, [place, ".".join(map(str, keys))]))
     if fault["type"] == "extra_forbidden":

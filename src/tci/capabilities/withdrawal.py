@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from tci.capabilities.beside import SHORT, beside
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields, default_surround
 from tci.capabilities.needs import Need
-from tci.capabilities.withdrawal_memory import Wish, Withdrawals
+from tci.capabilities.withdrawal_memory import RESPONSES, Response, Wish, Withdrawals
 from tci.capabilities.withdrawal_rule import blind_field, new_targets, withdraw_all
 from tci.errors import TciError
 from tci.messages import (
@@ -41,21 +41,10 @@ from tci.reasons import Reason
 from tci.robot.blow import PEOPLE, Struck
 from tci.robot.generic_arm import JOINTS, SEGMENTS
 
-RESPONSES = ("blended", "meant", "printed")
-"""Valid values of the setting `response`."""
 INITIAL = read_only(np.deg2rad([25.0, 25.0, 0.0, 60.0, 0.0]))
 """Generic angles (5,) [rad] of an arm whose posture isn't told: the packaged robots' initial posture."""
 MODES = (Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE)
 """Control modes in which the reflex can run."""
-
-
-class Response(NamedTuple):
-    """A motion that answers a contact."""
-
-    name: str
-    """Name of the field, or of the segment whose fields are blended."""
-    motion: tuple[float, ...]
-    """Full motion (5,) [rad]: the base motion of the field, or the blend."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,6 +32,17 @@ class Field(Protocol):
 
 
 F = TypeVar("F", bound=Field)
+RESPONSES = ("blended", "meant", "printed")
+"""Valid values of the setting `response`."""
+
+
+class Response(NamedTuple):
+    """A motion that answers a contact."""
+
+    name: str
+    """Name of the field, or of the segment or part whose fields are blended."""
+    motion: tuple[float, ...]
+    """Full motion (n,) [rad]: the base motion of the field, or the blend."""
 
 
 class Wish(NamedTuple, Generic[F]):

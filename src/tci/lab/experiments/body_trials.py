@@ -38,7 +38,7 @@ def answerable(body: GenericBody, field: BodyField) -> list[str]:
 
 def deaf(reflex: BodyWithdrawal) -> BodyWithdrawal:
     """`reflex` without receptive fields: each part keeps its posture, in the same mode."""
-    return replace(reflex, fields=reflex.fields.model_copy(update={"field": ()}))
+    return replace(reflex, fields=reflex.fields.model_copy(update={"field": (), "surround": ()}))
 
 
 def body_trials_of(

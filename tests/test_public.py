@@ -21,8 +21,8 @@ from tci.robot import RobotLike
 
 PUBLIC = public_objects()
 IDS = {id(thing) for thing in PUBLIC.values()}
-BY_NAME = {name.rpartition(".")[2]: thing for name, thing in PUBLIC.items()}
-"""For annotations of modules that import a type for type checkers only."""
+BY_NAME = {name.rpartition(".")[2]: thing for name, thing in PUBLIC.items()} | {"EnvSpec": object}
+"""For annotations of modules that import a type for type checkers only; Gymnasium does it with EnvSpec."""
 INNER = {"Hands", "LayoutArrays", "Limits", "Physics", "PosedSkin"}
 """Tables of compiled loops and of the simulation, which only TCI makes and reads."""
 MEMORIES = {"GestureMemory", "Grip", "PolicyMemory", "Posture", "StopMemory", "Withdrawals"}
@@ -139,6 +139,7 @@ ROBOTS: dict[str, Callable[[Any, Path], Any]] = {
     "lacks": lambda robot, _: tci.capabilities.lacks(tci.WithdrawalReflex(), robot),
     "met": lambda robot, _: tci.capabilities.Need("skin").met(robot),
     "skin_of": lambda robot, _: [one.name for one in tci.capabilities.Need("skin").skin_of(robot)],
+    "TouchEnv": lambda robot, _: BY_NAME["TouchEnv"](robot).policy,
     "simulate": lambda robot, _: BY_NAME["simulate"](robot, duration=0.01, cores=1)[0].world,
 }
 """A short use of each public call that takes a robot, by the last part of its name."""

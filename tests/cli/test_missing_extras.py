@@ -65,7 +65,7 @@ ALONE = {
     "run policy.onnx nao": "onnx",
     "hand linkerhand:can0,side=left": "linkerhand",
     "hand xela:127.0.0.1": "xela",
-    "run tci.learn.withdrawal_env:WithdrawalEnv nao": "gym",
+    "run tci.learn.touch_env:TouchEnv nao": "gym",
 }
 CASES = {
     **{

@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import gymnasium
 import numpy as np
 import pytest
 from PIL import Image
@@ -14,7 +13,8 @@ from PIL import Image
 import tci as library
 from helpers.command_line import tci
 from helpers.one_patch import write_one_patch
-from tci.learn import NAME
+from tci.capabilities.policy import PolicySpec
+from tci.learn import TouchEnv
 
 FELT = {
     "nao-plain": {"head", "left_hand", "right_hand", "left_bumper", "right_bumper"},
@@ -86,18 +86,19 @@ def test_the_check_proves_what_exists(patch: str) -> None:
 
 
 @pytest.mark.parametrize("name", FELT)
-@pytest.mark.parametrize("touch", ["contacts", "taxels"])
-def test_an_episode_pokes_what_exists(
-    name: str, touch: str, patch: str, caplog: pytest.LogCaptureFixture
-) -> None:
-    env = gymnasium.make(f"tci.learn:{NAME}", robot=library.load_robot(given(name, patch)), touch=touch)
+def test_an_episode_pokes_what_exists(name: str, patch: str, caplog: pytest.LogCaptureFixture) -> None:
+    spec = PolicySpec(("offset", "contacts", "taxels"))
+    env = TouchEnv(library.load_robot(given(name, patch)), policy=spec)
     assert BARE[name] in caplog.text
     for seed in range(2):
         observation, _ = env.reset(seed=seed)
-        felt = 0.0
+        contact, felt = np.zeros(28), 0.0
+        joints = len(env.policy.joints)
         for _ in range(75):
             assert env.observation_space.contains(observation)
-            observation = env.step(observation["task"])[0]
-            felt = max(felt, float(np.abs(observation[touch]).max()))
+            observation = env.step(np.zeros(joints))[0]
+            contact = np.maximum(contact, np.abs(observation[joints : joints + 28]))
+            felt = max(felt, float(np.abs(observation[joints + 28 :]).max()))
         assert felt > 0.1, seed
+        assert contact.max() > 0.1, seed
     env.close()

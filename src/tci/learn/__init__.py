@@ -1,16 +1,32 @@
 """Environments for learning (extra `gym`).
 
-Importing this package registers them with Gymnasium: `gymnasium.make("tci.learn:tci/Withdrawal-v0")`.
+Importing this package registers the ready tasks: `gymnasium.make("tci.learn:tci/Withdrawal-v0")`.
 """
 
 from __future__ import annotations
 
-from tci.support.installed import needs
+from typing import TYPE_CHECKING
 
-with needs("the environment tci/Withdrawal-v0", "gym"):
+from tci.support.installed import needs
+from tci.support.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from tci.learn.task import Scene as Scene
+    from tci.learn.task import TouchTask as TouchTask
+    from tci.learn.tasks import HOLD as HOLD
+    from tci.learn.tasks import TASKS as TASKS
+    from tci.learn.tasks import WITHDRAWAL as WITHDRAWAL
+    from tci.learn.touch_env import Camera as Camera
+    from tci.learn.touch_env import TouchEnv as TouchEnv
+else:
+    __all__, __getattr__, __dir__ = lazy_names(__name__)
+
+with needs("the environments of tci.learn", "gym"):
     import gymnasium
 
-NAME = "tci/Withdrawal-v0"
-"""Name of the environment in Gymnasium's registry."""
-
-gymnasium.register(id=NAME, entry_point=f"{__name__}.withdrawal_env:WithdrawalEnv")
+for _name in ("withdrawal", "hold"):
+    gymnasium.register(
+        id=f"tci/{_name.title()}-v0",
+        entry_point=f"{__name__}.touch_env:TouchEnv",
+        kwargs={"task": _name},
+    )

@@ -84,6 +84,8 @@ class PolicyCapability(Capability[Policies]):
     """Generic parts that it moves. Empty: all that it can."""
     observations: Mapping[str, Observation] = field(default_factory=dict)
     """Observations of your own, by the name that the spec gives them."""
+    goal: tuple[float, ...] = ()
+    """What is asked for, for a policy that sees its `goal`, in the unit of its task."""
     _worker: Worker = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -147,7 +149,9 @@ class PolicyCapability(Capability[Policies]):
         now, spec = perception.stamp, self._spec
         if now < own.due - ROUNDING:
             return own
-        seen = spec.see(perception, body, part, home=own.home, before=own.seen, own=self.observations)
+        seen = spec.see(
+            perception, body, part, home=own.home, before=own.seen, goal=self.goal, own=self.observations
+        )
         own = replace(own, seen=seen, due=_next(own.due, 1.0 / spec.rate, now))
         if own.asked is None and now >= own.ask - ROUNDING:
             self._worker.start(seen.history)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
@@ -12,10 +12,14 @@ from numpy.typing import ArrayLike
 
 from tci.body.generic_body import GenericBody
 from tci.messages import Perception
-from tci.messages.frames import Array
+from tci.messages.frames import Array, read_only
 
 CONTACTS = 4
 """Contacts that `contacts` sees: the strongest. Assumed: more than two hands with a few fingers are rare."""
+
+
+def no_goal() -> Array:
+    return read_only(np.zeros(0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +35,8 @@ class View:
     """Posture (n,) [rad] at the policy's previous instant."""
     elapsed: float
     """Time [s] since then; 0 at the first instant."""
+    goal: Array = field(default_factory=no_goal)
+    """What was asked for, in the unit of the task, such as a force (1,) [N]; (0,) if nothing was."""
 
     @property
     def posture(self) -> Array:
@@ -71,6 +77,11 @@ def velocity(view: View) -> Array:
     return (view.posture - view.before) / view.elapsed
 
 
+def goal(view: View) -> Array:
+    """What was asked for (g,), in the unit of the task."""
+    return view.goal
+
+
 def contacts(view: View) -> Array:
     """The strongest contacts on the part (4, 7), one row each, 0 where there is none. Columns: 1 on the
     forearm, 0 on the upper arm, -1 elsewhere; u; sine and cosine of theta (0 elsewhere); force [N]; force [N]
@@ -106,6 +117,7 @@ OBSERVATIONS: Mapping[str, Observation] = MappingProxyType(
         "velocity": Observation(velocity, scale=3.0),  # arms of the packaged robots reach 3 to 8 rad/s
         "contacts": Observation(contacts, scale=(1.0, 1.0, 1.0, 1.0, 10.0, 10.0, 10.0)),
         "taxels": Observation(taxels),
+        "goal": Observation(goal),
     }
 )
 """What a policy can see, by the name that stands in its file."""

@@ -150,6 +150,7 @@ class PolicySpec:
         *,
         home: ArrayLike,
         before: Seen | None = None,
+        goal: ArrayLike = (),
         own: Mapping[str, Observation] | None = None,
     ) -> Seen:
         """What the policy sees now of a part, after what it saw `before`.
@@ -160,6 +161,7 @@ class PolicySpec:
             part: Name of the generic part.
             home: Posture (n,) [rad] of the part when the policy began.
             before: What it saw before; None at first.
+            goal: What is asked for (g,), in the unit of the task.
             own: Observations beside those of `OBSERVATIONS`, by name.
 
         Raises UnknownNameError for an unknown observation, TciError if their number does not fit.
@@ -167,7 +169,8 @@ class PolicySpec:
         known = {**OBSERVATIONS, **(own or {})}
         now = perception.posture[part]
         last, elapsed = (now, 0.0) if before is None else (before.posture, perception.stamp - before.stamp)
-        view = View(perception, body, part, np.asarray(home, np.float64), last, elapsed)
+        begun, wanted = np.asarray(home, np.float64), np.asarray(goal, np.float64)
+        view = View(perception, body, part, begun, last, elapsed, wanted)
         found: dict[str, Array] = {}
         for name in self.observations:
             if name not in known:

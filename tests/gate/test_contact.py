@@ -317,6 +317,24 @@ def test_a_pat_is_told_and_answered_by_nobody() -> None:
     assert not held.told
 
 
+def test_a_joint_that_nobody_commands_tells_contact_by_how_it_is_bent() -> None:
+    held = Held(at=10.0)
+    for _ in range(10):
+        held.step()
+    held.step(position_command([2], [1.5]))
+    for _ in range(100):
+        held.step()
+    assert not held.told
+    for _ in range(4):
+        held.angles[3] += np.deg2rad(1.0)
+        held.step()
+    began = held.angles[2]
+    for _ in range(400):
+        held.step()
+    assert "joint3, which nobody commands, is bent by" in held.told[0]
+    assert held.sent[2] < began - np.deg2rad(2.5)
+
+
 @pytest.mark.parametrize("answer", ["soft", "stop"])
 def test_a_part_may_give_way_or_stay_stiff_instead_of_going_back(answer: Literal["soft", "stop"]) -> None:
     held = Held(settings=GateSettings(contact=ContactSettings(answers={"left_arm": answer})))
@@ -421,7 +439,9 @@ def test_a_resting_arm_that_is_pushed_by_hand_does_not_retreat() -> None:
         assert safe.position[0] == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize(("name", "seed"), [("icub", 0), ("icub", 1), ("icub", 4), ("nao", 5)])
+@pytest.mark.parametrize(
+    ("name", "seed"), [("icub", 0), ("icub", 1), ("icub", 4), ("nao", 5), ("g1", 8), ("talos", 27)]
+)
 def test_a_clamped_person_is_freed(name: str, seed: int) -> None:
     """65 N is the least quasi-static limit of ISO/TS 15066; bare links of stiff servos stay above it for up
     to 0.35 s."""
@@ -437,9 +457,9 @@ def test_a_clamped_person_is_freed(name: str, seed: int) -> None:
 
 
 def test_going_back_from_one_person_the_arm_does_not_stay_pressed_against_another() -> None:
-    """Without a look at the way back, 200 N were left on the second after half a second, 39 N after two."""
+    """Without a look at the way back, 120 N were left on the second after half a second, 27 N after two."""
     robot = load_robot("icub")
-    after = squeeze(robot, draw(robot, 0), settings=ANSWERS, behind=0.02)
+    after = squeeze(robot, draw(robot, 35), settings=ANSWERS, behind=0.00676)
     _, half, late = after.other
     assert after.other[0] > 1.0, "the second must be met"
     assert max(after.half, half) <= 65.0
@@ -464,7 +484,7 @@ class Waves(Capability[int]):
 
 @pytest.mark.parametrize(("name", "rate"), [("icub", 100.0), ("nao", 50.0), ("nao", 500.0)])
 def test_healthy_but_late_coarse_and_dirty_robots_meet_nothing(name: str, rate: float) -> None:
-    for seed in range(2):
+    for seed in (0, 101):  # at 101 a joint of NAO overshoots, and waits for its reference
         plant = RigidRobot(load_robot(name), seed=seed, rate=rate)
         with RigidDriver(plant, settings=ANSWERS) as driver:
             result = run(driver, Waves(), duration=6.0)

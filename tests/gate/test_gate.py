@@ -394,6 +394,8 @@ def test_a_coupled_servo_that_is_moved_by_hand_counts_where_it_is_now() -> None:
     driven = Driven(make_robot(), ZERO)
     driven.step(position_command([0], [0.75]))
     driven.settle()
+    for _ in range(50):
+        driven.step()
     for _ in range(100):
         driven.angles[1] += 0.006
         driven.step()

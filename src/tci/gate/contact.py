@@ -11,7 +11,7 @@ over for a while. A resting part that somebody presses gives way, and obeys.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from tci.errors import UnknownNameError
 from tci.gate.felt import Felt, FeltForces
+from tci.gate.following import CLEAR, PROGRESS, Following
 from tci.gate.joint_monitor import Reference
-from tci.messages import Answer, Contacts, JointReading, Met, Mode
+from tci.messages import Answer, Contacts, JointReading, Met
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
@@ -34,22 +35,11 @@ EARLIER = 0.15
 """Time [s] by which the way back ends before the contact was seen: by then the joint was not held yet."""
 FURTHER = float(np.deg2rad(3.0))
 """Angle [rad] of each further way back while the joint is still held."""
-CLEAR = 0.35
-"""Fraction of `held` below which nothing holds a joint for certain. Dry friction that bends a good servo by
-half a degree is less."""
 AT_REST = 0.6
 """Fraction of `held` at which a joint counts as held once its reference has rested for `lag` and a little:
 nothing lags then, so less tells more."""
 SETTLES = 0.12
 """Time [s] after the end of a way back at which a joint is judged: it lags by less."""
-PROGRESS, SLOWEST, SHARE = 0.05, float(np.deg2rad(2.0)), 0.4
-"""A joint stands if within `PROGRESS` [s] it went less than `SHARE` of the way that its reference went,
-whatever its lag, and that way is at least `SLOWEST` [rad]: more than coarse encoders and friction explain."""
-STANDS = float(np.deg2rad(10.0))
-"""Measured speed [rad/s] towards its reference below which a joint may be held."""
-OVERSHOOT = 0.1
-"""Fraction of the way within `lag` by which a servo of 60 rad/s and a damping of 0.7 overshoots when its
-reference turns."""
 LIGHT = 5.0
 """Force [N] on skin below which a contact is over, as a person feels it."""
 UNLOADED = 1.0
@@ -62,6 +52,11 @@ FREES = float(np.deg2rad(10.0))
 OFTEN, WITHIN = 3, 10.0
 """So many reactions of a part within so many seconds [s] end in STOP: somebody is there, and a behaviour
 insists."""
+FELT_LATE = 0.2
+"""Time [s] by which skin feels later whom a joint already told: frames of 50 Hz, conditioned."""
+ROOM = 0.2
+"""Fraction of the way to the first person by which a part leaves a second one, whom it met on its way back:
+at 0.5 it pressed the first again where they stand 5 mm apart, at 0 the second."""
 MADE = 0.3
 """Time [s] after its reference moved last within which a part may have made a contact."""
 EXPECTED_FOR = 0.5
@@ -140,8 +135,16 @@ class _Group:
     """Somebody presses the resting part, and its reference follows."""
     slow: bool = False
     """It is freed on an operator's word."""
-    first: frozenset[int] = frozenset()
-    """Contacts from which it goes back."""
+    first: Mapping[int, Array] = field(default_factory=dict)
+    """Normals (3,) of the contacts from which it goes back, by their identity."""
+    begun: float = -np.inf
+    """When [s]."""
+    there: Array = field(default_factory=lambda: np.zeros(0))
+    """Where it met them (k,) [rad]."""
+    pull: Array = field(default_factory=lambda: np.zeros(0))
+    """Angles (k,) [rad] by which its joints were behind when it met the first."""
+    pressed: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
+    """Joints (k,) that press the first since then."""
     behind: int = 0
     """Successive readings in which a joint is held on its way back."""
 
@@ -158,6 +161,10 @@ class _Seen(NamedTuple):
     error: float
     """By how much [rad]."""
     felt: Felt
+    loosest: int
+    """The servo that nobody commands and that left its place by most."""
+    bent: float
+    """By how much [rad]."""
 
 
 DOES = {"retreat": "goes back", "soft": "gives way", "stop": "stops"}
@@ -197,10 +204,9 @@ class ContactReaction:
             for number in parts[name]:
                 self._groups[number].answer = answer
         self._forces = FeltForces(parts, lambda number: self._moves(self._groups[number]))
-        self._past: deque[tuple[float, Array]] = deque()
-        self._readings: deque[tuple[float, Array]] = deque()
-        self._side = np.zeros(len(robot.servos))  # where each joint pushes: 1 towards larger angles
-        self._pull = np.zeros(len(robot.servos))  # by which angle [rad] each joint is behind its reference
+        self._following = Following(
+            len(robot.servos), held=settings.held, lag=settings.lag, known=settings.stands
+        )
         self._stamp = self._now = -np.inf
         self._freeing = False
         self.blocked: frozenset[int] = frozenset()
@@ -236,8 +242,7 @@ class ContactReaction:
 
     def _forget_times(self) -> None:
         """After the clock went back. Ways back that have begun go on."""
-        self._past.clear()
-        self._readings.clear()
+        self._following.forget()
         self._stamp = -np.inf
         for group in self._groups.values():
             group.reactions.clear()
@@ -259,29 +264,40 @@ class ContactReaction:
         self, joints: JointReading, reference: Reference, now: float, contacts: Contacts | None
     ) -> tuple[list[Way], list[Reason]]:
         """One period: the ways that begin now, and what to tell."""
-        if self._past and now < self._past[-1][0]:
+        if now < self._following.latest:
             self._forget_times()
         self._now = now
-        self._remember(reference, now)
+        self._following.remember(reference, now)
+        self._note_motion(reference)
         if joints.stamp <= self._stamp:
             return [], []
         self._stamp = joints.stamp
         felt = self._forces.step(contacts)
         freeing, self._freeing = self._freeing, False
-        if not (self.blocked or felt or freeing) and self._follows(joints, reference):
+        bent = self._following.bent(joints)
+        loose = bool((bent > self._settings.held).any())
+        if not (self.blocked or felt or freeing or loose) and self._following.near(joints, reference):
             self._walk_all(joints, reference)
+            self._following.learn(joints, reference)
             self.met = ()
             return [], []
-        error = self._error(joints)
+        error = self._following.error(joints, reference)
         ways: list[Way] = []
         told: list[Reason] = []
         met: list[Met] = []
         for number, group in self._groups.items():
             own = group.servos[np.isfinite(error[group.servos])]
+            if group.goal is None and not self._moves_now(group):
+                self._following.rest(group.servos, joints)
             if not own.size:
                 continue
             worst = int(own[np.argmax(error[own])])
-            seen = _Seen(joints, reference, own, worst, float(error[worst]), felt.get(number, Felt()))
+            left = np.nan_to_num(bent[group.servos])
+            loosest = int(group.servos[np.argmax(left)])
+            seen = _Seen(
+                joints, reference, own, worst, float(error[worst]), felt.get(number, Felt()), loosest,
+                float(left.max()),
+            )  # fmt: skip
             goal: Array | None
             if group.goal is None:
                 goal, why = self._look(group, seen, freeing=freeing)
@@ -294,6 +310,10 @@ class ContactReaction:
                 speed = FREES if group.slow else None
                 ways.append(Way(own, goal[np.isin(group.servos, own)], speed))
             met += self._tell(group, seen)
+        if met:
+            self._following.doubt()
+        else:
+            self._following.learn(joints, reference)
         self.met = tuple(met)
         self.blocked = frozenset(
             int(s) for one in self._groups.values() if one.goal is not None for s in one.servos
@@ -306,7 +326,9 @@ class ContactReaction:
         held = seen.error > self._settings.held * (AT_REST if rests else 1.0)
         if seen.error < CLEAR * self._settings.held:
             group.clear = seen.joints.stamp
-        group.outside = group.outside + 1 if held else 0
+        # somebody who moves it while the others rest does so on purpose
+        bent = self._moves_now(group) and seen.bent > self._settings.held
+        group.outside = group.outside + 1 if held or bent else 0
         if group.outside == 1:
             group.seen = seen.joints.stamp
         allowed = group.expected if self._now < group.until else 0.0
@@ -316,6 +338,9 @@ class ContactReaction:
         if group.outside >= 2 and self._moves(group) and not expected:
             behind = np.rad2deg(seen.error)
             what = f"{self._robot.servos[seen.worst].name} is held {behind:.1f} degrees behind"
+            if not held:
+                servo, angle = self._robot.servos[seen.loosest].name, np.rad2deg(seen.bent)
+                what = f"{servo}, which nobody commands, is bent by {angle:.1f} degrees"
             since = min(group.seen - EARLIER, group.clear - self._settings.lag), seen.worst
         elif seen.felt.made > max(self._settings.felt, allowed):
             since = seen.joints.stamp - EARLIER, None
@@ -327,12 +352,12 @@ class ContactReaction:
         position = seen.joints.position
         if group.answer == "retreat" or group.slow:
             before, worst = since
-            goal = self._back(group, position, before, None if worst is None else self._pull[group.servos])
+            goal = self._back(group, seen, before, pulled=worst is not None)
         elif group.answer == "soft":
             goal = position[group.servos].copy()
         else:
             goal = self._references(group, seen.reference, position)
-        group.first = seen.felt.own or frozenset(seen.felt.contacts)
+        self._note_first(group, seen, seen.felt.own)
         self._begin(group, goal, freed=group.slow)
         return goal, Reason(Code.CONTACT, f"{group.name} met something: {what}; it {DOES[group.answer]}")
 
@@ -354,6 +379,10 @@ class ContactReaction:
         """True if a group may have made a contact: it moves, or did a moment ago, and not because somebody
         pushes it."""
         return not group.soft and self._now - group.moved < MADE
+
+    def _moves_now(self, group: _Group) -> bool:
+        """True while the latest readings may tell of a reference that moved."""
+        return self._now - group.moved <= self._settings.lag
 
     def _references(self, group: _Group, reference: Reference, position: Array) -> Array:
         """References (k,) [rad] of a group; where it has none, where the joint is."""
@@ -385,19 +414,23 @@ class ContactReaction:
             if not self._meets_another(group, seen):
                 return None
             group.path.clear()
-            return self._go(group, seen.joints.position[group.servos].copy())
+            here = seen.joints.position[group.servos]
+            room = here + ROOM * (group.there - here)
+            self._note_first(group, seen, ())
+            return self._go(group, room)
         group.since = min(group.since, self._now)
         if self._now - group.since < SETTLES:
             return None
         held = seen.error > CLEAR * self._settings.held
-        if held or seen.felt.force > LIGHT:
+        # a joint that nobody commands may have been moved on purpose: it is a reason to go on, not to wait
+        bent = bool(group.path) and seen.bent > self._settings.held
+        if held or bent or seen.felt.force > LIGHT:
             group.free = None
             if group.answer == "stop" and not group.slow:
                 return None
             here = seen.joints.position
             if group.path and (group.answer == "retreat" or group.slow):
-                pull = self._pull[group.servos] if held else None
-                return self._go(group, self._back(group, here, np.inf, pull))
+                return self._go(group, self._back(group, seen, np.inf, pulled=held))
             # nowhere to go: the reference goes where the joint is
             same = group.goal is not None and np.array_equal(here[group.servos], group.goal)
             return None if same else self._go(group, here[group.servos].copy())
@@ -414,59 +447,33 @@ class ContactReaction:
         where = seen.reference.servos == seen.worst
         way = group.goal[group.servos == seen.worst] - seen.reference.position[where]
         goes = float(seen.reference.velocity[where][0])
-        ahead = goes * self._side[seen.worst] > 0.0 and goes * float(way[0]) > 0.0  # not while it brakes
+        # not while it brakes
+        ahead = goes * self._following.side[seen.worst] > 0.0 and goes * float(way[0]) > 0.0
+        pull = self._following.pull[group.servos]
+        group.pressed &= pull * group.pull > 0.0
+        ahead = ahead and not group.pressed[group.servos == seen.worst].any()
         group.behind = group.behind + 1 if ahead and seen.error > self._settings.held else 0
+        if not group.first and self._now - group.begun < FELT_LATE:
+            group.first = seen.felt.of(())
         first, another = seen.felt.other_than(group.first)
         return group.behind >= 2 or another > max(self._settings.felt, first)
+
+    def _note_first(self, group: _Group, seen: _Seen, contacts: Collection[int]) -> None:
+        group.first, group.there = seen.felt.of(contacts), seen.joints.position[group.servos]
+        group.begun = self._now
+        group.pull = self._following.pull[group.servos]
+        group.pressed = group.pull != 0.0
 
     def _go(self, group: _Group, goal: Array) -> Array:
         group.goal, group.since, group.free = goal, np.inf, None
         return goal
 
-    def _follows(self, joints: JointReading, reference: Reference) -> bool:
-        """True if every joint is so near its present reference that nothing can hold it."""
-        behind = joints.position[reference.servos] - reference.position
-        return not behind.size or float(np.abs(behind).max()) < 0.5 * self._settings.held
-
-    def _error(self, joints: JointReading) -> Array:
-        """Angle (n_servos,) [rad] of each joint outside its recent references, more than `held` if it stands
-        while they went on; NaN for servos that follow no reference."""
-        begin = joints.stamp - self._settings.lag
-        times = np.array([time for time, _ in self._past])
-        rows = np.array([row for _, row in self._past])
-        inside = (times >= begin) & (times <= joints.stamp)
-        inside[max(int(np.searchsorted(times, begin, side="right")) - 1, 0)] = True
-        low, high = rows[inside].min(axis=0), rows[inside].max(axis=0)
-        outside = np.maximum(joints.position - high, low - joints.position)
-        error: Array = np.maximum(outside - OVERSHOOT * (high - low), 0.0)
-        self._side = np.where(joints.position < 0.5 * (low + high), 1.0, -1.0)
-        # a joint whose velocity says that it goes on is not held: its encoder is wrong, as the monitor tells
-        goes = self._side * joints.velocity > STANDS
-        self._readings.append((joints.stamp, joints.position))
-        while joints.stamp - self._readings[1][0] >= PROGRESS if len(self._readings) > 2 else False:
-            self._readings.popleft()
-        since, before = self._readings[0]
-        passed = joints.stamp - since
-        if self._settings.stands and PROGRESS <= passed < 2.0 * PROGRESS:
-            lags = np.linspace(0.0, self._settings.lag, 6)
-            last = rows[np.maximum(np.searchsorted(times, joints.stamp - lags, side="right") - 1, 0)]
-            first = rows[np.maximum(np.searchsorted(times, since - lags, side="right") - 1, 0)]
-            ways = last - first
-            least = np.where(
-                (ways > 0.0).all(axis=0) | (ways < 0.0).all(axis=0), np.abs(ways).min(axis=0), 0.0
-            )
-            gone = (joints.position - before) * np.sign(ways[0])
-            stands = (least > SLOWEST) & (gone < SHARE * least)
-            error[stands] = np.maximum(error, self._settings.held + least - gone)[stands]
-        error[goes] = 0.0
-        pull = np.nan_to_num(rows[-1] - joints.position)  # what lags goes the same way
-        self._pull = np.where(np.abs(pull) < 0.5 * CLEAR * self._settings.held, 0.0, pull)
-        return error
-
     def _walk_all(self, joints: JointReading, reference: Reference) -> None:
         for group in self._groups.values():
             group.outside, group.soft, group.clear = 0, False, joints.stamp
             self._walk(group, joints)
+            if not self._moves_now(group):
+                self._following.rest(group.servos, joints)
             if not self._moves(group):
                 here = joints.position
                 group.bent = self._references(group, reference, here) - here[group.servos]
@@ -483,17 +490,19 @@ class ContactReaction:
             words = f"{group.name} met something {OFTEN} times within {WITHIN:.0f} s"
             self.reason = Reason(Code.CONTACT, words)
 
-    def _back(self, group: _Group, position: Array, before: float, pull: Array | None) -> Array:
-        """The latest posture of the path before the time `before` [s] that is `FURTHER` away from what the
-        joints `pull` (k,) [rad] towards, or without it, `FURTHER` away from here; the path is used up to
-        there. Else the posture that is farthest away, or here: never nearer to what they push."""
-        here: Array = position[group.servos]
+    def _back(self, group: _Group, seen: _Seen, before: float, *, pulled: bool) -> Array:
+        """The latest posture of the path before the time `before` [s] that is `FURTHER` away from here; if
+        `pulled`, away from where the joints that are behind press. The path is used up to there. Else the
+        posture that is farthest away, or here: never nearer to what they push."""
+        here: Array = seen.joints.position[group.servos]
+        own, pull = np.isin(group.servos, seen.own), self._following.pull[group.servos]
         path = list(group.path)
         best, most, last = here.copy(), 0.0, len(path)
         for number in reversed(range(len(path))):
             stamp, posture = path[number]
-            way = posture - here
-            away = float(np.abs(way).max() if pull is None else -(pull @ way) / np.linalg.norm(pull))
+            way = (posture - here)[own]
+            by_pull = pulled and pull.any()
+            away = float(-(pull[own] @ way) / np.linalg.norm(pull) if by_pull else np.abs(way).max())
             if away > most:
                 best, most, last = posture, away, number
                 if stamp <= before and away >= FURTHER:
@@ -510,14 +519,8 @@ class ContactReaction:
             if not group.path:
                 group.path.append((joints.stamp, here.copy()))
 
-    def _remember(self, reference: Reference, now: float) -> None:
-        whole = np.full(len(self._robot.servos), np.nan)
-        stiff = [mode is not Mode.TORQUE for mode in reference.modes]
-        whole[reference.servos[stiff]] = reference.position[stiff]
-        self._past.append((now, whole))
-        while len(self._past) > 2 and now - self._past[1][0] > self._settings.lag + 2.0 * PROGRESS + 0.05:
-            self._past.popleft()
+    def _note_motion(self, reference: Reference) -> None:
         moving = reference.servos[np.abs(reference.velocity) > MOVES].tolist()
         for group in self._groups.values():
             if not {*group.servos.tolist()}.isdisjoint(moving):
-                group.moved = now
+                group.moved = self._now

@@ -6,10 +6,15 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from tci.messages import Contact, Contacts
+from tci.messages.frames import Array
 
 RAISED = 5.0
 """Force [N] by which a contact of a resting part grows while the part moves, from which on the part counts as
 having made it: more than a hand's own trembling."""
+ALIKE = 0.5
+"""Cosine of the angle between the normals of two contacts from which on the same person presses: a contact
+that moves to the next patch, or parts in two, is a new one. A second person, whom a way back meets, is on the
+other side."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,15 +25,23 @@ class Felt:
     """Largest force [N]."""
     made: float = 0.0
     """Largest force [N] of contacts that the group's own motion made or raised."""
-    contacts: Mapping[int, float] = field(default_factory=dict)
-    """Force [N] of each contact, by its identity."""
+    contacts: Mapping[int, tuple[float, Array]] = field(default_factory=dict)
+    """Force [N] and normal (3,) in the torso frame of each contact, by its identity."""
     own: frozenset[int] = frozenset()
     """Those that the group's own motion made or raised."""
 
-    def other_than(self, first: Collection[int]) -> tuple[float, float]:
-        """Largest force [N] of the contacts in `first`, and of all others."""
-        mine = max((force for one, force in self.contacts.items() if one in first), default=0.0)
-        return mine, max((force for one, force in self.contacts.items() if one not in first), default=0.0)
+    def of(self, identities: Collection[int]) -> dict[int, Array]:
+        """Normals of these contacts, or of all if there are none of these."""
+        return {one: way for one, (_, way) in self.contacts.items() if not identities or one in identities}
+
+    def other_than(self, first: Mapping[int, Array]) -> tuple[float, float]:
+        """Largest force [N] of the contacts in `first` (with their normals) and of those like them, and of
+        all others."""
+        forces = [0.0], [0.0]
+        for identity, (force, normal) in self.contacts.items():
+            alike = identity in first or any(float(normal @ way) > ALIKE for way in first.values())
+            forces[not alike].append(force)
+        return max(forces[0]), max(forces[1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +69,7 @@ class FeltForces:
         for contact, group in self._pairs(contacts):
             before, own = found.get(group, Felt()), group in self._known[contact.identity].made_by
             made = contact.force if own else 0.0
-            all_of_it = {**before.contacts, contact.identity: contact.force}
+            all_of_it = {**before.contacts, contact.identity: (contact.force, contact.n_T)}
             mine = before.own | {contact.identity} if own else before.own
             found[group] = Felt(max(before.force, contact.force), max(before.made, made), all_of_it, mine)
         return found

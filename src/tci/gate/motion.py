@@ -179,7 +179,8 @@ class Motion:
 
     def retreat(self, servos: NDArray[np.intp], angles: Array, most: float | None = None) -> None:
         """Sends servos to `angles` (k,) [rad] on the gate's own order, in whichever mode they are, at most
-        with the speed `most` [rad/s]. Switches that waited for their rest are forgotten, with the commands
+        with the speed `most` [rad/s], each as soon as it can: the one that presses need not wait for
+        the one that has the longest way. Switches that waited for their rest are forgotten, with the commands
         that came for the new mode."""
         self._let_go({*servos.tolist()})
         for chain in self.groups.chains:
@@ -192,7 +193,7 @@ class Motion:
             fastest = limiter.bounds.velocity[places]
             target[places] = angles[mine]
             speed[places] = fastest if most is None else np.minimum(fastest, most)
-            limiter.aim(limiter.bounds.inside(target), speed)
+            limiter.aim(limiter.bounds.inside(target), speed, together=False)
 
     def drop(self) -> None:
         """Ends the command of all servos. Control modes do not change: servos in torque mode stay in torque

@@ -19,7 +19,7 @@ from tci.messages.frames import Array
 
 class MotionPlanner:
     """Plans the motion of n servos, each towards a target or at a velocity. Computes a new plan only after
-    its inputs have changed. Servos with targets arrive at the same time."""
+    its inputs have changed. Servos with targets arrive at the same time, unless `set_driven` says else."""
 
     __slots__ = ("_input", "_otg", "_output", "ended")
 
@@ -45,15 +45,16 @@ class MotionPlanner:
         """Sets the `target` (n,) [rad] of each servo, and its largest `speed` (n,) [rad/s]."""
         self._input.max_velocity, self._input.target_position = speed.tolist(), target.tolist()
 
-    def set_driven(self, driven: NDArray[np.bool_]) -> None:
+    def set_driven(self, driven: NDArray[np.bool_], *, together: bool = True) -> None:
         """Sets which servos (n,) are driven at a velocity, which is 0 until `set_velocity` is called. The
-        other servos move to a target."""
+        other servos move to a target: they arrive at the same time if `together`, else each as soon as it
+        can."""
         self._input.target_velocity = [0.0] * len(driven)
         self._input.per_dof_control_interface = [
             ControlInterface.Velocity if one else ControlInterface.Position for one in driven
         ]
         self._input.per_dof_synchronization = [
-            Synchronization.No if one else Synchronization.Time for one in driven
+            Synchronization.Time if together and not one else Synchronization.No for one in driven
         ]
 
     def set_velocity(self, velocity: Array) -> None:

@@ -75,7 +75,7 @@ class OnlineTrajectory:
         self.found, self.measured = np.array(position), position
         """Measured angles (n,) [rad]: when the servos came under command, and now."""
         self._led = False  # True if the latest state is a result of ruckig's present plan for these servos
-        self._straight = False
+        self._straight, self._together = False, True
         self._planner = MotionPlanner(count, period)
         self._planner.set_limits(bounds.acceleration, bounds.jerk)
         self._stopper = StopPlanner(bounds, position, period)
@@ -144,13 +144,17 @@ class OnlineTrajectory:
         self._set_interfaces()
         self._phase = Phase.GOES
 
-    def aim(self, target: Array, speed: Array) -> None:
+    def aim(self, target: Array, speed: Array, *, together: bool = True) -> None:
         """Sets the `target` (n,) [rad], which the servos approach at `speed` (n,) [rad/s] at most. Target and
-        speed must be inside the bounds.
+        speed must be inside the bounds. All servos arrive at the same time if `together`, else each as soon
+        as it can.
 
         Servos that are driven at a velocity continue at this velocity.
         """
         self.target[:], self.speed[:] = target, speed
+        if together is not self._together:
+            self._together = together
+            self._set_interfaces()
         if self._straight:
             self._set_straight(not self.whole_state[1].any())
         self._begin()
@@ -261,6 +265,10 @@ class OnlineTrajectory:
         if fault and not (taken and fault.code is self._told):  # the end of all targets is always reported
             self.ended = fault
         self._told = None if fault is None else fault.code
+        if fault and not taken and not self._together:  # near the body, on the straight way
+            self._together, self.ended = True, None
+            self._set_interfaces()
+            return False
         if fault and not taken:
             self.halt()
             self._phase = Phase.RETURNS if self.outside else Phase.STOPS
@@ -349,7 +357,7 @@ class OnlineTrajectory:
         """Tells the planner for each servo whether the servo moves to a target or at a velocity."""
         self._driven = np.isfinite(self.drive)
         self.drives, self._driving = bool(self._driven.any()), False
-        self._planner.set_driven(self._driven)
+        self._planner.set_driven(self._driven, together=self._together)
         self._set_straight(False)
 
     def _set_straight(self, straight: bool) -> None:

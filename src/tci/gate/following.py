@@ -1,0 +1,199 @@
+"""Which joints don't follow their references, and by how much: the sign that something holds them.
+
+A joint that is held differs from one that lags: a lagging joint is where its reference was a moment ago, a
+held one is nowhere on that way, or stands while its reference went on. How long a moment is, is learned: a
+joint that lagged by 20 ms so far does not lag by 100 ms now. A joint of a moving group that nobody commands
+should stay where it was when the group rested.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.gate.joint_monitor import Reference
+from tci.messages import JointReading, Mode
+from tci.messages.frames import Array
+
+CLEAR = 0.35
+"""Fraction of `held` below which nothing holds a joint for certain. Dry friction that bends a good servo by
+half a degree is less."""
+PROGRESS, SLOWEST, SHARE = 0.05, float(np.deg2rad(2.0)), 0.4
+"""A joint stands if within `PROGRESS` [s] it went less than `SHARE` of the way that its reference went,
+whatever its lag, and that way is at least `SLOWEST` [rad]: more than coarse encoders and friction explain."""
+STANDS, CREEPS = float(np.deg2rad(10.0)), 0.5
+"""Measured speed [rad/s] towards its reference, and fraction of its reference's speed, below which a joint
+may be held: somebody soft yields, and the joint creeps on."""
+OVERSHOOT = 0.1
+"""Fraction of the way within the lag by which a servo of 60 rad/s and a damping of 0.7 overshoots when its
+reference turns."""
+LAGS = 21
+"""Number of lags that are tried, from none to the longest: 5 ms apart by default."""
+FAST = float(np.deg2rad(20.0))
+"""Speed [rad/s] of a reference from which on a joint's lag is told from friction."""
+SURE = 0.1
+"""Time [s] after which a lag counts as that of a free joint, if no contact was noticed meanwhile."""
+ENOUGH = 0.05
+"""Time [s] for which a joint must have moved until its lag is known."""
+MORE, LATER = 1.25, 0.012
+"""Factor and time [s] by which a joint may lag more than it ever did: its reading or its order comes a period
+later, its load is another."""
+
+
+class Following:
+    """Remembers references and readings of a robot's joints, and judges each new reading."""
+
+    def __init__(self, count: int, *, held: float, lag: float, known: bool) -> None:
+        """Judges `count` servos.
+
+        Args:
+            count: number of servos.
+            held: angle [rad] from which on a joint counts as held.
+            lag: longest time [s] by which a healthy joint follows.
+            known: whether readings are so regular that a joint's own lag can be learned, and a standing joint
+                be told from a late reading.
+        """
+        self._held, self._lag, self._known = held, lag, known
+        self.side = np.zeros(count)
+        """Where each joint pushes: 1 towards larger angles, -1 towards smaller ones."""
+        self.pull = np.zeros(count)
+        """Angle [rad] by which each joint is behind its reference; 0 if that is little."""
+        self._past: deque[tuple[float, Array]] = deque()
+        self._readings: deque[tuple[float, Array]] = deque()
+        self._rests = np.full(count, np.nan)
+        self._tried = np.linspace(0.0, lag, LAGS)
+        self._lags: deque[tuple[float, Array]] = deque()
+        self._longest, self._moved = np.zeros(count), np.zeros(count)
+
+    def forget(self) -> None:
+        """After the clock went back: what was learned of the joints stays."""
+        self._past.clear()
+        self._readings.clear()
+        self._lags.clear()
+
+    @property
+    def latest(self) -> float:
+        """Time [s] of the latest reference; -inf if there is none."""
+        return self._past[-1][0] if self._past else -np.inf
+
+    def remember(self, reference: Reference, now: float) -> None:
+        """Notes the references at `now` [s]."""
+        whole = np.full(len(self.side), np.nan)
+        stiff = [mode is not Mode.TORQUE for mode in reference.modes]
+        whole[reference.servos[stiff]] = reference.position[stiff]
+        self._past.append((now, whole))
+        while len(self._past) > 2 and now - self._past[1][0] > self._lag + 2.0 * PROGRESS + 0.05:
+            self._past.popleft()
+
+    def rest(self, servos: NDArray[np.intp], joints: JointReading) -> None:
+        """Notes where servos of a resting group are."""
+        self._rests[servos] = joints.position[servos]
+
+    @property
+    def learned(self) -> NDArray[np.bool_]:
+        """Joints (n_servos,) whose own lag is known."""
+        known: NDArray[np.bool_] = self._moved >= ENOUGH
+        return known
+
+    def learn(self, joints: JointReading, reference: Reference) -> None:
+        """Notes by which time each joint lags whose reference moves; nothing was in contact for `SURE`."""
+        if not self._known or not (np.abs(reference.velocity) > FAST).any():
+            return
+        before = self._references(joints.stamp - self._tried)
+        steps = before[:-1] - before[1:]
+        ways = np.where((steps >= 0.0).all(axis=0), 1.0, np.where((steps <= 0.0).all(axis=0), -1.0, np.nan))
+        passed = ways * (joints.position - before) >= 0.0
+        place = np.where(passed.any(axis=0), passed.argmax(axis=0), LAGS - 1)
+        since = np.abs(before[0] - np.take_along_axis(before, np.maximum(place, 1)[None], axis=0)[0])
+        fast = since > FAST * self._tried[np.maximum(place, 1)]
+        first = self._tried[place]
+        self._lags.append((joints.stamp, np.where(fast, first, np.nan)))
+        while joints.stamp - self._lags[0][0] > SURE:
+            stamp, lags = self._lags.popleft()
+            seen = np.isfinite(lags)
+            self._moved[seen] += min(self._lags[0][0] - stamp, 0.02) if self._lags else 0.0
+            self._longest[seen] = np.maximum(self._longest, lags)[seen]
+
+    def doubt(self) -> None:
+        """Something is in contact: what was seen of late teaches nothing."""
+        self._lags.clear()
+
+    def near(self, joints: JointReading, reference: Reference) -> bool:
+        """True if every joint is so near its present reference that nothing can hold it."""
+        behind = joints.position[reference.servos] - reference.position
+        return not behind.size or float(np.abs(behind).max()) < 0.5 * self._held
+
+    def error(self, joints: JointReading, reference: Reference) -> Array:
+        """Angle (n_servos,) [rad] of each joint outside its recent references, more than `held` if it stands
+        while they went on; NaN for servos that follow no reference."""
+        times = np.array([time for time, _ in self._past])
+        rows = np.array([row for _, row in self._past])
+        begin = joints.stamp - self._lag
+        inside = (times >= begin) & (times <= joints.stamp)
+        inside[max(int(np.searchsorted(times, begin, side="right")) - 1, 0)] = True
+        low, high = rows[inside].min(axis=0), rows[inside].max(axis=0)
+        if self._known:
+            allowed = np.where(self.learned, MORE * self._longest + LATER, self._lag)
+            before = self._references(joints.stamp - self._tried)
+            own = np.where(self._tried[:, None] < allowed + 0.5 * self._tried[1], before, np.nan)
+            low, high = (
+                np.maximum(low, np.fmin.reduce(own, axis=0)),
+                np.minimum(high, np.fmax.reduce(own, axis=0)),
+            )
+        outside = np.maximum(joints.position - high, low - joints.position)
+        error: Array = np.maximum(outside - OVERSHOOT * (high - low), 0.0)
+        self.side = np.where(joints.position < 0.5 * (low + high), 1.0, -1.0)
+        # a joint whose velocity says that it goes on is not held: its encoder is wrong, as the monitor tells
+        goes = self.side * joints.velocity > STANDS
+        goes[reference.servos] &= np.abs(joints.velocity[reference.servos]) > CREEPS * np.abs(
+            reference.velocity
+        )
+        self._readings.append((joints.stamp, joints.position))
+        while joints.stamp - self._readings[1][0] >= PROGRESS if len(self._readings) > 2 else False:
+            self._readings.popleft()
+        since, there = self._readings[0]
+        passed = joints.stamp - since
+        if self._known and PROGRESS <= passed < 2.0 * PROGRESS:
+            lags = np.linspace(0.0, self._lag, 6)
+            ways = self._references(joints.stamp - lags) - self._references(since - lags)
+            least = np.where(
+                (ways > 0.0).all(axis=0) | (ways < 0.0).all(axis=0), np.abs(ways).min(axis=0), 0.0
+            )
+            gone = (joints.position - there) * np.sign(ways[0])
+            # one that overshot waits for its reference
+            behind = (rows[-1] - joints.position) * np.sign(ways[0]) > CLEAR * self._held
+            stands = (least > SLOWEST) & (gone < SHARE * least) & behind
+            error[stands] = np.maximum(error, self._held + least - gone)[stands]
+        error[goes] = 0.0
+        pull = np.nan_to_num(rows[-1] - joints.position)  # what lags goes the same way
+        self.pull = np.where(np.abs(pull) < 0.5 * CLEAR * self._held, 0.0, pull)
+        return error
+
+    def bent(self, joints: JointReading) -> Array:
+        """Angle (n_servos,) [rad] by which joints that nobody commands left the place where they rested; NaN
+        for servos that follow a reference, have no power, or were never seen at rest."""
+        own = np.abs(joints.position - self._rests)
+        if self._past:
+            own[np.isfinite(self._past[-1][1])] = np.nan
+        if joints.powered is not None:
+            own[~joints.powered] = np.nan
+        bent: Array = own if self._known else np.full(len(own), np.nan)
+        return bent
+
+    def _references(self, times: Array) -> Array:
+        """References (k, n_servos) [rad] at `times` (k,) [s], between the noted ones on a line."""
+        own = [time for time, _ in self._past]
+        last = len(own) - 1
+        found = []
+        for time in times.tolist():
+            place = bisect_right(own, time)
+            before, after = max(place - 1, 0), min(place, last)
+            row = self._past[before][1]
+            if after > before and time > own[before]:
+                share = (time - own[before]) / (own[after] - own[before])
+                row = row + share * (self._past[after][1] - row)
+            found.append(row)
+        return np.array(found)

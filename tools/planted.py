@@ -20,7 +20,7 @@ from tci.errors import TciError
 from tci.lab.commissioning.plausibility import doubts
 from tci.lab.experiments.verdict import weight_faults
 from tci.robot.catalogue import load_robot
-from tci.robot.description import GenericPart, Patch, Robot, Servo
+from tci.robot.description import GenericPart, Patch, Robot, Servo, TruncatedCone
 from tci.robot.kinematics import KinematicChain, bare_model
 
 Item = TypeVar("Item")
@@ -135,6 +135,28 @@ def _of_pairs(robot: Robot) -> Iterator[Change]:
             wide = one.surface.model_copy(update={"r1": 2.0 * one.surface.r1, "r2": 2.0 * one.surface.r2})
             patches = _swap(patches, one, one.model_copy(update={"surface": wide}))
         yield "cones twice as wide on both sides", left.name.removeprefix("left_"), {"patches": patches}
+        narrow = tuple(_narrowed(one) if one in (left, right) else one for one in robot.patches)
+        yield "cones half as wide on both sides", left.name.removeprefix("left_"), {"patches": narrow}
+    for kind, place, change in (
+        ("pascals times 10", "pascal_per_count", _tenfold), ("10 kHz", "frames/s", _hurried),
+    ):  # fmt: skip
+        yield f"{kind} in all skins", place, {"patches": tuple(map(change, robot.patches))}
+
+
+def _narrowed(patch: Patch) -> Patch:
+    surface = patch.surface
+    assert isinstance(surface, TruncatedCone)
+    half = surface.model_copy(update={"r1": 0.5 * surface.r1, "r2": 0.5 * surface.r2})
+    return patch.model_copy(update={"surface": half})
+
+
+def _tenfold(patch: Patch) -> Patch:
+    factor = 10.0 * patch.sensor.pascal_per_count
+    return patch.model_copy(update={"sensor": patch.sensor.model_copy(update={"pascal_per_count": factor})})
+
+
+def _hurried(patch: Patch) -> Patch:
+    return patch.model_copy(update={"rate": 1e4})
 
 
 def _of_signs(robot: Robot) -> Iterator[Change]:

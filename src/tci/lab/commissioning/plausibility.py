@@ -16,11 +16,11 @@ from tci.lab.authoring.link_points import LinkPoints
 from tci.lab.authoring.proposed_parts import HAND, LEG
 from tci.lab.commissioning.both_sides import UNEVEN, joint_pairs, pairs, posture_doubts
 from tci.messages.frames import Array, apply
-from tci.robot.description import GenericPart, Model, Patch, Robot
+from tci.robot.description import GenericPart, Model, Patch, Robot, TruncatedCone
 from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import KinematicChain, bare_model, written
 from tci.robot.mesh_files import NO_MESHES
-from tci.skin.surfaces import build_surface
+from tci.skin.surfaces import Surface, build_surface
 
 MIDDLE = {"pitch": (0.0, 1.0, 0.0), "roll": (1.0, 0.0, 0.0), "yaw": (0.0, 0.0, 1.0)}
 """Rotation axis of each generic joint of head and torso, in the torso frame. The rotation about this axis is
@@ -45,7 +45,15 @@ link or of an adjacent link. Assumed: models lack covers (soles of NAO: 21 mm) a
 27 mm)."""
 PRESSURE = (3e3, 1e7)
 """Least and largest plausible pressure [Pa] at the end of a sensor's range. Assumed: a light touch is 3 kPa,
-and 10 MPa destroys a skin."""
+and 10 MPa destroys a skin. A count of a sensor with more than two values must be less than a light touch."""
+FASTEST = 1000.0
+"""Largest plausible frame rate [Hz] of a skin. Published arrays have at most 1 kHz."""
+BURIED, SLEEVED = 0.012, 0.005
+"""The median taxel may lie at most BURIED [m] under the shapes of its link and of adjacent ones, that of a
+sleeve around an arm at most SLEEVED. Assumed: healthy pads and soles reach 9 mm, healthy sleeves 0."""
+BESIDE, THICKEST, TRIED, FEWEST = 0.008, 0.06, 120, 10
+"""Shapes up to BESIDE [m] beside a taxel's normal and up to THICKEST [m] away count as above it: a limb's far
+side is no cover. TRIED taxels, spread over the patch, are enough, and FEWEST are needed."""
 
 
 def doubts(robot: Robot) -> list[str]:
@@ -77,6 +85,8 @@ def doubts(robot: Robot) -> list[str]:
 def _sensors(robot: Robot) -> Iterator[str]:
     for patch in robot.skin:
         sensor = patch.sensor
+        if patch.rate > FASTEST:
+            yield f"{patch.name}: {patch.rate:g} frames/s; valid: at most {FASTEST:g}, as the fastest skins"
         if sensor.response:
             continue
         ends = [(end - sensor.rest) * sensor.pascal_per_count for end in (sensor.lowest, sensor.highest)]
@@ -89,6 +99,11 @@ def _sensors(robot: Robot) -> Iterator[str]:
             yield (
                 f"{patch.name}: pascal_per_count {sensor.pascal_per_count:g} makes its full range "
                 f"{max(ends):.3g} Pa; valid: {PRESSURE[0]:g} to {PRESSURE[1]:g} Pa"
+            )
+        elif abs(sensor.pascal_per_count) > PRESSURE[0] and sensor.highest - sensor.lowest > 1.0:
+            yield (
+                f"{patch.name}: pascal_per_count {sensor.pascal_per_count:g} makes one count more than a "
+                f"light touch; valid: at most {PRESSURE[0]:g} Pa"
             )
 
 
@@ -265,6 +280,28 @@ def _distances(robot: Robot, chain: KinematicChain, *, without: set[str]) -> Ite
                 f"{patch.name}: the nearest quarter of its taxels is up to {1e3 * away:.0f} mm from the "
                 f"shapes of {surface.link}; valid: at most {1e3 * AWAY:.0f} mm"
             )
+            continue
+        under = _median_depth(surface, shapes)
+        sleeve = isinstance(patch.surface, TruncatedCone) and robot.limb_segment(patch) is not None
+        most = SLEEVED if sleeve else BURIED
+        if under > most and len(surface.positions) >= FEWEST:
+            yield (
+                f"{patch.name}: half of its taxels are {1e3 * under:.0f} mm or more under the shapes of "
+                f"{surface.link}; valid: at most {1e3 * most:.0f} mm"
+            )
+
+
+def _median_depth(surface: Surface, shapes: Array) -> float:
+    """Median depth [m] of the taxels that have `shapes` (m, 3) above or below them."""
+    tree, depths = KDTree(shapes), []
+    every = max(1, len(surface.positions) // TRIED)
+    for place, normal in zip(surface.positions[::every], surface.normals[::every], strict=True):
+        around = shapes[tree.query_ball_point(place, THICKEST)] - place
+        along = around @ normal
+        near = along[np.linalg.norm(around - np.outer(along, normal), axis=1) < BESIDE]
+        if near.size:
+            depths.append(max(0.0, float(near.max())))
+    return float(np.median(depths)) if depths else 0.0
 
 
 @lru_cache(maxsize=4)

@@ -17,10 +17,9 @@ from helpers.touch_devices import INSPIRE, InspireHand
 from tci.capabilities import Capability, Need
 from tci.cli.main import app
 from tci.errors import DriverError
-from tci.lab.commissioning.hand import in_rows
 from tci.messages import Order, Perception
 from tci.reasons import Code
-from tci.robot.tactile_devices import device
+from tci.robot.tactile_devices import device, in_rows
 
 pytestmark = [pytest.mark.timeout(120), pytest.mark.xdist_group("sources")]
 PEER = """

@@ -4,6 +4,7 @@ the pads, and what is wrong."""
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -37,6 +38,15 @@ def hand(
     doctor: Annotated[
         bool, typer.Option("--doctor", help="Ask you to press fingers and corners, and tell what is wrong.")
     ] = False,
+    describe: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write a description of the hand into this new folder, to record, view or plot it."
+        ),
+    ] = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Show the pads in the browser; needs the extra viewer.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Show the pressure on the pads of a tactile hand, live. Nothing moves, and no robot is needed. A shade
@@ -66,6 +76,12 @@ def hand(
     try:
         if doctor:
             _examine(reader, as_json=as_json)
+            return
+        if describe is not None:
+            _describe(reader, describe)
+            return
+        if view:
+            _view(reader)
             return
         if as_json:
             time.sleep(max(0.0, min(end - time.monotonic(), 1e6)))
@@ -125,6 +141,33 @@ def _list(*, as_json: bool) -> None:
     console.print(f"names: {', '.join(names)}", highlight=False, markup=False)
 
 
+def _describe(reader: SourceReader, folder: Path) -> None:
+    from tci.lab.authoring.hand import write_hand
+
+    reader.wait(2.0)
+    time.sleep(1.0)  # the description has the rates that are measured
+    path = write_hand(reader, folder)
+    via = f'--via "sim + {reader.name}"'
+    console.print(f"wrote {path}, which stands for a robot:", highlight=False, markup=False)
+    for command in (f"view {path}", f"record touch.mcap {path}", f"doctor {path}"):
+        console.print(f"  tci {command} {via}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _view(reader: SourceReader) -> None:
+    """The viewer reads the hand itself, so this reader is closed first."""
+    from tempfile import TemporaryDirectory
+
+    from tci.cli.view import needs_viewer, view
+    from tci.lab.authoring.hand import write_hand
+
+    needs_viewer()
+    reader.wait(2.0)
+    with TemporaryDirectory() as folder:
+        path = write_hand(reader, Path(folder) / "hand")
+        reader.close()
+        view([str(path)], [f"sim + {reader.name}"])
+
+
 def _examine(reader: SourceReader, *, as_json: bool) -> None:
     """Raises CommandError where nobody can be asked."""
     from tci.cli.doctor import print_findings
@@ -166,7 +209,7 @@ def _picture(reader: SourceReader, most: dict[str, float]) -> RenderableType:
     from rich.panel import Panel
     from rich.text import Text
 
-    from tci.lab.commissioning.hand import in_rows, pads_of
+    from tci.robot.tactile_devices import in_rows, pads_of
 
     now, shapes = time.monotonic(), pads_of(reader.source.device)
     panels = []

@@ -54,6 +54,8 @@ class Source(ABC):
     """What is sent to the device, in words. Nothing else may be: no zeroing, no calibration."""
     device: str = ""
     """Name in the table of tactile devices, which knows rows and columns; empty if it is not there."""
+    values_per_point: int = 1
+    """Values that a pad has for each place: 3 for forces along three axes."""
     wants: frozenset[str] = frozenset()
     """Pads that the robot has a patch for; the others need not be read. Set before `open`."""
 

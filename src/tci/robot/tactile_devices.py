@@ -9,8 +9,12 @@ from functools import cache
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tci.errors import UnknownNameError
 
+FINGERS = ("thumb", "index", "middle", "ring", "little")
 ALIKE = 0.15
 """Largest relative difference between a pad's size in a model and in the table. Assumed: the pads of the left
 and the right Inspire hand differ from each other by 2 %, the tip of the thumb from the other tips by 9 %."""
@@ -102,3 +106,31 @@ def best_fit(
     ]
     misfit, _, one, pad, size = min(found, key=lambda row: row[0])
     return (one, pad, size) if misfit <= ALIKE else None
+
+
+def place_of(pad: str) -> str:
+    """The finger or palm that a pad is on, from its name; its name if that does not say."""
+    words = pad.split("_")
+    return next((one for one in (*FINGERS, "palm") if one in words), pad)
+
+
+def pads_of(device: str) -> dict[str, DevicePad]:
+    """Pads of the table of devices, by the names that a source gives them."""
+    return {
+        (pad.name if place in ("", pad.name) else f"{place}_{pad.name}"): pad
+        for one in devices()
+        if one.name == device
+        for pad in one.pads
+        for place in pad.fingers or ("",)
+    }
+
+
+def in_rows(values: NDArray[np.generic], pad: DevicePad | None) -> NDArray[np.generic]:
+    """A frame as it lies on the pad, (rows, columns); one row if the shape is unknown."""
+    if pad is None:
+        return values[None]
+    if pad.order == "column-major":
+        laid = values.reshape(pad.columns, pad.rows).T
+    else:
+        laid = values.reshape(pad.rows, pad.columns)
+    return laid[::-1] if pad.from_last_row else laid

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.source_reader import SourceReader
-from tci.robot.tactile_devices import DevicePad, devices
+from tci.robot.tactile_devices import FINGERS, DevicePad, devices, in_rows, pads_of, place_of
 
-FINGERS = ("thumb", "index", "middle", "ring", "little")
 NOISE = 5.0
 """A change counts from this multiple of the largest change at rest, and from `LEAST` counts."""
 LEAST = 3.0
@@ -67,12 +66,6 @@ def examine_hand(reader: SourceReader, ask: Ask, *, seconds: float) -> tuple[Fin
     if (shaped := _largest_shaped(reader)) is not None:
         found += _corners(reader, rest, *shaped, ask, seconds)
     return tuple(found)
-
-
-def place_of(pad: str) -> str:
-    """The finger or palm that a pad is on, from its name; its name if that does not say."""
-    words = pad.split("_")
-    return next((one for one in (*FINGERS, "palm") if one in words), pad)
 
 
 def _named(place: str) -> str:
@@ -197,25 +190,3 @@ def _corners(
 def _near(seen: Sequence[int], expected: Sequence[int], shape: DevicePad) -> bool:
     """Within a quarter of the pad: a finger is wider than a taxel."""
     return abs(seen[0] - expected[0]) <= shape.rows // 4 and abs(seen[1] - expected[1]) <= shape.columns // 4
-
-
-def pads_of(device: str) -> dict[str, DevicePad]:
-    """Pads of the table of devices, by the names that a source gives them."""
-    return {
-        (pad.name if place in ("", pad.name) else f"{place}_{pad.name}"): pad
-        for one in devices()
-        if one.name == device
-        for pad in one.pads
-        for place in pad.fingers or ("",)
-    }
-
-
-def in_rows(values: NDArray[np.generic], pad: DevicePad | None) -> NDArray[np.generic]:
-    """A frame as it lies on the pad, (rows, columns); one row if the shape is unknown."""
-    if pad is None:
-        return values[None]
-    if pad.order == "column-major":
-        laid = values.reshape(pad.columns, pad.rows).T
-    else:
-        laid = values.reshape(pad.rows, pad.columns)
-    return laid[::-1] if pad.from_last_row else laid

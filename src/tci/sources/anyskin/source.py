@@ -41,7 +41,8 @@ class AnyskinSource(SerialSource):
         if not chips.isdecimal() or not 1 <= int(chips) <= 64:
             raise DriverError(f"anyskin:{address},chips={chips}; valid: 1 to 64")
         self._chips, self._axes = int(chips), axes
-        self.pads = {"pad": self._chips * values_per_point(axes)}
+        self.values_per_point = values_per_point(axes)
+        self.pads = {"pad": self._chips * self.values_per_point}
 
     def measure(self, data: bytes) -> int | None:
         size = 16 * self._chips + len(self.mark)

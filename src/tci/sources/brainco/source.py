@@ -69,7 +69,7 @@ class BraincoSource(Source):
         if slave and (not slave.isdecimal() or int(slave) not in HANDS):
             raise DriverError(f"brainco:{address},slave={slave}; valid: 126 (left), 127 (right)")
         self._slaves = [int(slave)] if slave else [*HANDS]
-        self._axes, self._each = axes, values_per_point(axes)
+        self._axes, self.values_per_point = axes, values_per_point(axes)
         self._speed, self._kind = int(baud), 0
         self._port: SerialPort | None = None
 
@@ -82,8 +82,8 @@ class BraincoSource(Source):
         sizes = {
             CAPACITIVE: {**dict.fromkeys(FINGERS, 1), **{f"{finger}_proximity": 1 for finger in FINGERS}},
             PRESSURE: {**dict.fromkeys(FINGERS, 9), "palm": 46},
-            ARRAY: dict.fromkeys(FINGERS, self._each),
-            FORCES: dict.fromkeys(FINGERS[1:], FORCE_POINTS * self._each),
+            ARRAY: dict.fromkeys(FINGERS, self.values_per_point),
+            FORCES: dict.fromkeys(FINGERS[1:], FORCE_POINTS * self.values_per_point),
         }
         self.pads = {side + pad: size for pad, size in sizes[self._kind].items()}
 

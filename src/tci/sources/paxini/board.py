@@ -64,7 +64,7 @@ class PaxiniSource(SerialSource):
         Raises DriverError for an option that can't be meant.
         """
         super().__init__(address, baud=baud)
-        self._axes, self._each = axes, values_per_point(axes)
+        self._axes, self.values_per_point = axes, values_per_point(axes)
         self._kinds, self._misfits = SUMS | POINTS, 0
 
     def find_pads(self) -> None:
@@ -77,7 +77,7 @@ class PaxiniSource(SerialSource):
         there = int.from_bytes(self._read(PRESENT, 4), "little")
         counts = np.frombuffer(self._read(COUNTS, 2 * len(SENSORS)), "<u2")
         sizes = {name: int(counts[k]) for k, name in enumerate(SENSORS) if there >> k & 1}
-        pads = {name: self._each * size for name, size in sizes.items()}
+        pads = {name: self.values_per_point * size for name, size in sizes.items()}
         if not pads:
             raise DriverError("the board has no sensor; check their cables")
         if self.pads and pads != self.pads:

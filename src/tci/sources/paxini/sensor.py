@@ -54,7 +54,8 @@ class PaxiniSensorSource(SerialSource):
                 f"paxini-sensor:{address}: which sensor is it? valid: ,part={', '.join(PARTS)} or ,points=52"
             )
         self._bytes, self._axes = POINT * int(points or PARTS[part]), axes
-        self.pads = {"pad": self._bytes // POINT * values_per_point(axes)}
+        self.values_per_point = values_per_point(axes)
+        self.pads = {"pad": self._bytes // POINT * self.values_per_point}
         request = bytes((*REQUEST, 9, 0, 1, 0, 0xFB)) + FORCES.to_bytes(4, "little")
         self._request = with_checksum(request + self._bytes.to_bytes(2, "little"))
 

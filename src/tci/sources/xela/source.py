@@ -48,7 +48,7 @@ class XelaSource(Source):
                 f"xela:{address},values={values}; valid: xela:HOST or :PORT, values=raw or calibrated"
             )
         self._url, self._axes, self._calibrated = f"ws://{host}:{port}", axes, values == "calibrated"
-        self._each = values_per_point(axes)
+        self.values_per_point = values_per_point(axes)
         self._link: ClientConnection | None = None
 
     def find_pads(self) -> None:
@@ -57,7 +57,9 @@ class XelaSource(Source):
             end = time.monotonic() + FIRST
             while not self.pads and time.monotonic() < end:
                 found = self._receive()
-                self.pads = {f"sensor_{key}": self._each * int(one["taxels"]) for key, one in found.items()}
+                self.pads = {
+                    f"sensor_{key}": self.values_per_point * int(one["taxels"]) for key, one in found.items()
+                }
         except (KeyError, TypeError, ValueError) as error:
             raise DriverError(f"{self._url} is no server of XELA: {error!r}") from error
         finally:

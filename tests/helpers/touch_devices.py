@@ -275,6 +275,11 @@ class Xela(TouchDevice):
     def via(self) -> str:
         return f"xela:127.0.0.1:{self.port}"
 
+    def plug(self) -> None:
+        self._listens = threading.Event()
+        super().plug()
+        assert self._listens.wait(10.0)
+
     def message(self) -> dict[str, object]:
         found: dict[str, object] = {"message": int(100 * time.monotonic())}
         for pad, values in self.values.items():
@@ -305,6 +310,7 @@ class Xela(TouchDevice):
         with serve(talk, "127.0.0.1", self.port, logger=logging.getLogger("xela")) as server:
             thread = threading.Thread(target=server.serve_forever, daemon=True)
             thread.start()
+            self._listens.set()
             while self._in.is_set():
                 time.sleep(0.02)
             server.shutdown()

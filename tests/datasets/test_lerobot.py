@@ -129,3 +129,14 @@ def test_statistics_of_blocks_are_those_of_the_whole() -> None:
     for name, share in {"q01": 0.01, "q50": 0.5, "q99": 0.99}.items():
         exact = np.quantile(rows, share, axis=0)
         assert np.all(np.abs(found[name] - exact) < 0.15e9), name
+
+
+def test_the_task_of_a_recording_is_that_of_its_episode(tmp_path: Path) -> None:
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    words = ("--duration", "0.1", "--json")
+    tci("run", "withdrawal", "nao", *words, "--record", str(folder / "a.mcap"), "--task", "pull back")
+    tci("record", str(folder / "b.mcap"), "nao", *words, "--task", "rest")
+    tci("record", str(folder / "c.mcap"), "nao", *words)
+    tci("log", "export", str(folder), str(tmp_path / "set"), "--format", "lerobot", "--task", "else")
+    assert read_lerobot(tmp_path / "set").tasks == ("pull back", "rest", "else")

@@ -96,6 +96,10 @@ TouchFile = Annotated[
     ),
 ]
 RecordingFile = Annotated[Path, typer.Argument(help="Recording (.mcap).")]
+Task = Annotated[
+    str | None,
+    typer.Option(help="What the recording shows, for data sets: the text of its episode's task."),
+]
 NewRecording = Annotated[Path, typer.Argument(help="Recording to write (.mcap), a new file.")]
 NewGesture = Annotated[Path, typer.Argument(help="Gesture to write (.csv), a new file.")]
 Begin = Annotated[

@@ -6,7 +6,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from tci.cli.console import console, print_json
-from tci.cli.options import AsJson, Duration, NewRecording, RobotName, Via
+from tci.cli.options import AsJson, Duration, NewRecording, RobotName, Task, Via
 
 if TYPE_CHECKING:
     from tci.recording.recorder import Recorder
@@ -17,6 +17,7 @@ def record(
     robot: RobotName,
     via: Via = "sim",
     duration: Duration = None,
+    task: Task = None,
     as_json: AsJson = False,
 ) -> None:
     """Record the raw sensor data of a robot. TCI sends no commands, and does not arm the robot.
@@ -33,7 +34,7 @@ def record(
 
     with (
         connect(load_robot(robot), via, arm=False) as driver,
-        recorder_for(file, driver, via, {}) as recorder,
+        recorder_for(file, driver, via, {}, task=task) as recorder,
     ):
         if not as_json:
             words = f"recording {driver.robot.name} to {file}; end with Ctrl-C"

@@ -11,7 +11,7 @@ import typer
 
 from tci.cli import completion
 from tci.cli.console import console, print_json, told_here
-from tci.cli.options import Arm, AsJson, Duration, Faults, RobotName, Touches, TouchFile, Via
+from tci.cli.options import Arm, AsJson, Duration, Faults, RobotName, Task, Touches, TouchFile, Via
 from tci.errors import CommandError
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ def run(
     touches: TouchFile = None,
     fault: Faults = None,
     record: Annotated[Path | None, typer.Option(help="Record the run in this new file (.mcap).")] = None,
+    task: Task = None,
     film: Annotated[
         Path | None,
         typer.Option(
@@ -71,6 +72,7 @@ def run(
         touches=touches,
         faults=fault or [],
         record=record,
+        task=task,
         film=film,
         as_json=as_json,
     )
@@ -88,6 +90,7 @@ def run_capability(
     touches: Path | None = None,
     faults: Sequence[str] = (),
     record: Path | None = None,
+    task: str | None = None,
     film: Path | None = None,
     as_json: bool = False,
     rehearsal: bool = False,
@@ -106,6 +109,7 @@ def run_capability(
         touches: File with a sequence of touches.
         faults: Faults to inject, NAME@TIME or NAME@TIME:DURATION [s].
         record: Path of the recording to write; None for no recording.
+        task: What the recording shows, for data sets.
         film: Path of the film to write; None for no film.
         as_json: True to print JSON instead of text.
         rehearsal: True to run until the injected faults have ended, with realistic noise on the simulated
@@ -126,6 +130,8 @@ def run_capability(
     from tci.robot.catalogue import load_robot
     from tci.runtime.arguments import load_capability
 
+    if task is not None and record is None:
+        raise CommandError("--task is the text of a recording; valid: with --record FILE")
     capability = load_capability(name)
     plans = [parse_fault(fault) for fault in faults]
     if rehearsal:
@@ -139,7 +145,7 @@ def run_capability(
         recorder = None
         if record is not None:
             about = sessions.about_capability(name, capability)
-            recorder = closing.enter_context(sessions.recorder_for(record, driver, via, about))
+            recorder = closing.enter_context(sessions.recorder_for(record, driver, via, about, task=task))
         missing = lacks(capability, driver.robot)
         if missing and not as_json:
             tell_lacks(name, missing, driver.robot)

@@ -185,7 +185,9 @@ def rehearsal_length(faults: Sequence[FaultPlan]) -> float:
     return max(REHEARSAL, *(plan.at + INJECTORS[plan.name].shows_after + 1.0 for plan in faults))
 
 
-def recorder_for(path: Path, driver: Driver, via: str, about: Mapping[str, str]) -> Recorder:
+def recorder_for(
+    path: Path, driver: Driver, via: str, about: Mapping[str, str], *, task: str | None = None
+) -> Recorder:
     """Opens a recorder for the readings of a driver. Raises the errors of `Recorder`.
 
     Args:
@@ -193,6 +195,7 @@ def recorder_for(path: Path, driver: Driver, via: str, about: Mapping[str, str])
         driver: Driver whose robot, period and facts the recorder writes into the file.
         via: NAME or NAME:ADDRESS that was used to open the driver.
         about: Further facts about the recording, by key.
+        task: What it shows, for data sets; None says nothing.
     """
     return Recorder(
         path,
@@ -200,7 +203,7 @@ def recorder_for(path: Path, driver: Driver, via: str, about: Mapping[str, str])
         middleware=via.split(JOIN)[0].partition(":")[0],
         period=driver.period,
         keep_alive=driver.info.keep_alive,
-        about={**driver.info.about, **about},
+        about={**driver.info.about, **about, **({"task": task} if task else {})},
     )
 
 

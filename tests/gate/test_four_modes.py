@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from helpers.four_modes import FourModes, pushed
+from helpers.four_modes import FourModes, frozen, pushed
 from helpers.gate_checks import LIMITS, PERIOD, make_robot, reading
 from tci.errors import CommandError, UnknownNameError
 from tci.gate.gate import Gate
@@ -38,6 +38,20 @@ def test_a_free_joint_becomes_fast_and_a_held_one_gets_its_torque(name: str) -> 
     assert fast >= 0.8
     _, sent = pushed(ICUB, servo, held=True, seed=1)
     assert sent >= 0.5
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.05])
+@pytest.mark.parametrize("share", [1.0, 0.2])
+@pytest.mark.parametrize("name", ["l_shoulder_roll", "l_elbow"])
+def test_20_an_encoder_that_freezes_at_rest_lets_its_joint_turn_little(
+    name: str, share: float, friction: float
+) -> None:
+    """A shoulder turned by 147 degrees at 6.4 times its limit; asked for a fifth of its torque, for ever."""
+    servo = next(one.index for one in ICUB.servos if one.name == name)
+    fast, way, reason = frozen(ICUB, servo, share=share, friction=friction)
+    assert reason.startswith(f"the encoder of {name} stands still whatever the torque")
+    assert fast <= 1.3
+    assert way <= np.deg2rad(25.0)
 
 
 def test_a_declared_load_counts_where_the_hand_carries_it() -> None:

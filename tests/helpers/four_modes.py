@@ -7,7 +7,7 @@ The judge knows the true angles, speeds and energy, and the limits of the descri
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import mujoco
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from helpers.rigid_robot import Dirt, RigidDriver, RigidRobot
 from tci.errors import CommandError
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
-from tci.messages.frames import Array
+from tci.messages.frames import Array, read_only
 from tci.robot.clearance import Clearance
-from tci.robot.description import Robot
+from tci.robot.description import Limits, Robot
 from tci.robot.joint_map import initial_position
 
 MORE, LOOSE, LONG = 1.05, 1.3, 0.02
@@ -225,15 +225,8 @@ def pushed(
 ) -> tuple[float, float]:  # fmt: skip
     """Asks one joint for its full torque, and says how fast it became, as a share of its limit, and which
     share of its torque it gets at the end. A joint is `held` by something stiff (2000 N m/rad)."""
-    robot = robot.model_copy(update={"patches": ()})
-    limits = robot.servos[servo].limits
-    assert limits.lower is not None
-    assert limits.upper is not None
-    assert limits.torque
-    assert limits.velocity
-    start = np.clip(initial_position(robot), *_ends(robot))
-    start[servo] = limits.lower + (0.5 if held else 0.05) * (limits.upper - limits.lower)
-    plant = RigidRobot(robot, seed=seed, dirt=Dirt(delay=(delay, delay)), rate=rate, angles=start)
+    dirt = Dirt(delay=(delay, delay))
+    plant, limits = _placed(robot, servo, 0.5 if held else 0.05, seed=seed, dirt=dirt, rate=rate)
     mine = plant._servo == servo
     if held:
         dof, qpos = plant._dof[mine], plant._qpos[mine]
@@ -249,7 +242,46 @@ def pushed(
         orders = []
         sent = float(safe.torque[safe.servos == servo].sum())
         fastest = max(fastest, float(plant.velocity[servo]))
-    return fastest / limits.velocity, sent / limits.torque
+    return fastest / (limits.velocity or np.nan), sent / limits.torque
+
+
+def frozen(
+    robot: Robot, servo: int, *, share: float, friction: float, rate: float = 500.0, seed: int = 1
+) -> tuple[float, float, str]:
+    """Asks one joint for a `share` of its torque while its encoder is frozen, and says how fast the joint
+    became before the robot stopped, as a share of its limit, how far it turned [rad], and why it stopped."""
+    dirt = Dirt(friction=friction, motor=(0.3, 0.3) if friction == 0.0 else (0.0, 1.0))
+    plant, limits = _placed(robot, servo, 0.1, seed=seed, dirt=dirt, rate=rate)
+    driver, index, fastest = RigidDriver(plant), np.array([servo]), 0.0
+    driver.write(driver.gate.step(PlatformSwitch(index, Mode.TORQUE), driver.read().joints, plant.time))
+    order = PlatformCommand(Mode.TORQUE, index, np.array([share * (limits.torque or 0.0)]), np.ones(1))
+    start = plant.position[servo]
+    angle = driver.read().joints.position[servo]
+    while plant.time < 1.5:
+        plant.advance(plant.time + driver.period)
+        joints = driver.read().joints
+        position, velocity = joints.position.copy(), joints.velocity.copy()
+        position[servo], velocity[servo] = angle, 0.0
+        joints = replace(joints, position=read_only(position), velocity=read_only(velocity))
+        safe = driver.write(driver.gate.step(order, joints, plant.time))
+        fastest = max(fastest, abs(float(plant.velocity[servo])))
+        if safe.reason is not None:
+            break
+    return fastest / (limits.velocity or np.nan), abs(plant.position[servo] - start), str(safe.reason)
+
+
+def _placed(
+    robot: Robot, servo: int, where: float, *, seed: int, dirt: Dirt, rate: float
+) -> tuple[RigidRobot, Limits]:
+    """The plant with one joint at the share `where` of its range."""
+    robot = robot.model_copy(update={"patches": ()})
+    limits = robot.servos[servo].limits
+    assert limits.lower is not None
+    assert limits.upper is not None
+    assert limits.torque
+    start = np.clip(initial_position(robot), *_ends(robot))
+    start[servo] = limits.lower + where * (limits.upper - limits.lower)
+    return RigidRobot(robot, seed=seed, dirt=dirt, rate=rate, angles=start), limits
 
 
 def _ends(robot: Robot) -> tuple[Array, Array]:

@@ -380,7 +380,7 @@ class Gate:
             # also in the state STOP: a joint must not be braked on the basis of wrong data
             monitor = self._monitor
             if monitor is not None and (
-                fault := monitor.step(joints, self._reference, self._torque, excused=self._blocked)
+                fault := monitor.step(joints, self._reference, self._motion.unanswered, excused=self._blocked)
             ):
                 self.stop(fault)
             self._motion.see(joints, now, believed=monitor is None or not monitor.misled)

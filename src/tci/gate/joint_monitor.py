@@ -69,11 +69,10 @@ class MonitorSettings:
     drift: float = 2.0
     """The monitor compares the measured angle with the integral of the measured velocity. Their difference
     decays with this time constant [s]; otherwise the offset of a velocity sensor would add up."""
-    push: float = 0.3
-    """If the torque changes by more than this fraction of the torque limit while the angle stays constant,
-    the encoder counts as frozen. The reason is that joints and links are elastic: even a blocked joint would
-    move by at least the resolution of its encoder. While the torque is constant, the angle may stay constant
-    too."""
+    push: float = 0.1
+    """In torque mode the encoder counts as frozen if more than this fraction of the torque limit was added
+    several times while angle and velocity stayed exactly constant. Twice the usual dry friction: so much may
+    be added before a joint that rests on it moves."""
     mode_change: float = 0.5
     """Time [s] after a mode switch within which the robot must report the new mode."""
 
@@ -110,7 +109,6 @@ class JointMonitor:
         # A servo without a torque limit has no torque mode.
         self._limits = Limits(
             torque=np.array([x.torque or np.inf for x in limits], float),
-            acceleration=np.array([x.acceleration or 0.0 for x in limits], float),
             velocity=np.array([np.inf if x.velocity is None else x.velocity for x in limits], float),
         )
         self.misled = False
@@ -131,13 +129,13 @@ class JointMonitor:
         self._modes: tuple[Mode, ...] = ()
         self._kinds = Kinds(np.zeros(0, bool), np.zeros(0, bool))
         self._fresh = np.inf
-        never = [np.full(count, np.inf) for _ in range(7)]
+        never = [np.full(count, np.inf) for _ in range(4)]
         self._monitor = Monitor(
             self._limits,
             self._numbers,
             Readings(*np.zeros((4, count))),
-            Motions(never[0], never[1], never[2], never[6], origin=np.zeros(count)),
-            Drifts(np.zeros(count), weakest=never[3], strongest=-never[4], pushed_since=never[5]),
+            Motions(never[0], never[1], never[2], never[3], np.zeros(count)),
+            Drifts(np.zeros(count)),
             self._worst,
         )
         self._other_mode: dict[int, float] = {}
@@ -146,22 +144,23 @@ class JointMonitor:
         self,
         joints: JointReading,
         reference: Reference,
-        torque: Array | None = None,
+        unanswered: Array | None = None,
         *,
         excused: frozenset[int] = frozenset(),
     ) -> Reason | None:
         """Checks a usable reading. Returns the reason why the robot must stop; None if the robot follows its
         reference.
 
-        `reference` and `torque` (k,) [N m] must be the values that were valid when the reading was taken. The
-        servos in `excused` need not follow now: they met something, and the gate moves them away from it.
+        `reference` must be that of the time when the reading was taken. `unanswered` (k,) [N m] are torques
+        that were added several times without an answer in the readings. The servos in `excused` need not
+        follow now: they met something, and the gate moves them away from it.
         Call this method once per control period.
         """
         before, self._before = self._before or joints, joints
         elapsed = joints.stamp - before.stamp
         if reference.modes != self._modes:
             self._sort(reference.modes)
-        pushed = np.zeros(len(reference.servos)) if torque is None else torque
+        pushed = np.zeros(len(reference.servos)) if unanswered is None else unanswered
         kinds = self._kinds
         if excused:
             kinds = kinds._replace(follows=kinds.follows & ~np.isin(reference.servos, [*excused]))
@@ -241,13 +240,11 @@ class JointMonitor:
         """Returns the reason to stop if a servo's angle contradicts its measured velocity (`found` is
         DISAGREES) or its torque (DEAF)."""
         self.misled = True
-        name, way = self._names[reference.servos[int(self._worst[0])]], np.rad2deg(self._worst[1])
+        name, worst = self._names[reference.servos[int(self._worst[0])]], self._worst[1]
         if found == DISAGREES:
-            words = f"the angle of {name} is {way:.1f} degrees from where its velocity leads"
+            words = f"the angle of {name} is {np.rad2deg(worst):.1f} degrees from where its velocity leads"
             return Reason(Code.ENCODER_DISAGREES, words)
-        words = (
-            f"the encoder of {name} stands still while its torque changes; free it moves {way:.1f} degrees"
-        )
+        words = f"the encoder of {name} stands still whatever the torque; {worst:.0%} of the most were added"
         return Reason(Code.ENCODER_FROZEN, words)
 
     def _sort(self, modes: tuple[Mode, ...]) -> None:

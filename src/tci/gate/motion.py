@@ -195,12 +195,18 @@ class Motion:
             speed[places] = fastest if most is None else np.minimum(fastest, most)
             limiter.aim(limiter.bounds.inside(target), speed, together=False)
 
+    @property
+    def unanswered(self) -> Array:
+        """Torques (k,) [N m] that no reading answered, in the order of `reference`."""
+        return np.concatenate([np.zeros(self.groups.count), self._torque.unanswered])
+
     def drop(self) -> None:
         """Ends the command of all servos. Control modes do not change: servos in torque mode stay in torque
         mode, with a commanded torque of 0."""
         self._waiting.clear()
         self.groups.drop()
         self._torque.relax()
+        self._torque.forget()
 
     def accept(self, order: PlatformOrder, now: float) -> list[Reason]:
         """Accepts an order. Returns one reason for each value that was clamped, and for a switch that waits

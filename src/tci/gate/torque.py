@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tci.errors import CommandError, DescriptionError
 from tci.gate.bounds import APPROACH, MARGIN
-from tci.gate.kernels.torques import Limits, Measured, Memory, Times, limit_torques
+from tci.gate.kernels.torques import ENOUGH, Answers, Limits, Measured, Memory, Times, limit_torques
 from tci.gate.way_inside import CREEP, QUICK
 from tci.messages import Mode
 from tci.messages.frames import Array
@@ -51,6 +51,7 @@ class TorqueLimiter:
         self._share = speed_share
         count = len(robot.servos)
         self._memory = Memory(*np.zeros((5, count)))
+        self._answers = Answers(*np.zeros((9, count)))
         self._pushed = deque([np.zeros(count)], maxlen=1 + math.ceil(REMEMBERED / period))
         self._halts = np.zeros(count)
         self._clock, self._taken = 0.0, -np.inf
@@ -62,7 +63,7 @@ class TorqueLimiter:
         """Sets which servos are in torque mode: `servos`, and no others. All limits of these servos must be
         known. New servos start at zero torque."""
         fresh = [servo for servo in servos if servo not in self.servos]
-        for kept in self._memory:
+        for kept in (*self._memory, *self._answers):
             kept[fresh] = 0.0
         self.servos = np.array(sorted(servos), dtype=np.intp)
         limits = [self._robot.servos[servo].limits for servo in self.servos]
@@ -114,6 +115,19 @@ class TorqueLimiter:
         towards a limit is still braked."""
         self._memory.wanted[servos] = 0.0
 
+    @property
+    def unanswered(self) -> Array:
+        """Torques (k,) [N m] that were added several times without an answer: readings of angle and velocity
+        repeated exactly. 0 for servos whose readings answer."""
+        own = self.servos
+        unanswered: Array = np.where(self._answers.pushes[own] >= ENOUGH, self._answers.size[own], 0.0)
+        return unanswered
+
+    def forget(self) -> None:
+        """Trusts encoders that did not answer again."""
+        for kept in self._answers:
+            kept[:] = 0.0
+
     def halt(self, servos: NDArray[np.intp] | EllipsisType = ...) -> None:
         """Sets the commanded torque of some servos, or of all servos, to zero. The next call of `step` brakes
         any motion of these servos."""
@@ -158,6 +172,8 @@ class TorqueLimiter:
           would end beyond its position limit, it is braked, by no more than ends its motion.
         - Near a limit, a torque towards the limit decreases to zero. Beyond the limit only a slow return is
           allowed.
+        - A joint whose readings have repeated exactly for a while gets more torque only in short pushes,
+          until a reading answers.
         - A velocity that is not finite sets the commanded torque to zero. A velocity that lags behind `slope`
           is ignored.
         - Each torque is limited to the fraction `trust` (0..1) of the torque that follows from the rules
@@ -177,8 +193,9 @@ class TorqueLimiter:
         measured = Measured(*np.array([position, velocity, slope, *sums]))
         times = Times(age, 0.5 * span, min(elapsed, REMEMBERED), UNDERWAY * self._period, self._period)
         limit_torques(
-            self.servos, measured, self._limits, self._trust, self._halts, times, drives, self._memory
-        )
+            self.servos, measured, self._limits, self._trust, self._halts, times, drives, self._memory,
+            self._answers,
+        )  # fmt: skip
         self._halts[:] = 0.0
         self._pushed.append(self._pushed[-1] + self._period * self._memory.given)
         return self._given()

@@ -74,15 +74,14 @@ def test_it_finds_what_numpy_finds(seed: int) -> None:
     assert len(found) > 1
 
 
-LIMITS = at.Limits(np.full(6, 2.0), np.full(6, 10.0), np.full(6, np.inf))
+LIMITS = at.Limits(np.full(6, 2.0), np.full(6, np.inf))
 
 
 def velocity_oracle(
-    judged: Array, loose: Array, readings: at.Readings, torque: Array, stamp: float, elapsed: float,
-    memory: at.Drifts,
+    judged: Array, loose: Array, readings: at.Readings, unanswered: Array, elapsed: float, memory: at.Drifts,
 ) -> tuple[int, int]:  # fmt: skip
     """Returns the fault and the servo with the fault, for servos that are all commanded."""
-    following, lag, _, _, least, _, travel, forgets, push = SETTINGS[:9]
+    following, lag, _, _, least, _, _, forgets, push = SETTINGS[:9]
     now, speed, before, speed_before = readings
     mean, change = 0.5 * (speed + speed_before), now - before
     known = ~judged & np.isfinite(mean) & (elapsed <= at.SELDOM)
@@ -94,14 +93,8 @@ def velocity_oracle(
         far = drift > following + lag * np.abs(speed)
     if far.any():
         return at.DISAGREES, int(np.argmax(np.where(far, drift, -1.0)))
-    pressed = loose & (now == before) & (speed == speed_before)
-    memory.weakest[:] = np.where(pressed, np.minimum(memory.weakest, torque), np.inf)
-    memory.strongest[:] = np.where(pressed, np.maximum(memory.strongest, torque), -np.inf)
-    share = (memory.strongest - memory.weakest) / LIMITS.torque
-    lasted = since(memory.pushed_since, pressed & (share > push), stamp)
-    lasted = np.where(np.isfinite(lasted), lasted, 0.0)
-    way = 0.5 * np.where(lasted > 0.0, share, 0.0) * LIMITS.acceleration * lasted**2
-    return (at.DEAF, int(np.argmax(way))) if (way > travel).any() else (at.FOLLOWS, -1)
+    share = np.where(loose, unanswered / LIMITS.torque, 0.0)
+    return (at.DEAF, int(np.argmax(share))) if (share > push).any() else (at.FOLLOWS, -1)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -110,7 +103,7 @@ def test_it_finds_what_numpy_finds_of_velocities(seed: int) -> None:
     n = 6
     judged = random.random(n) < 0.2
     loose = ~judged & (random.random(n) < 0.7)
-    fresh = np.array([np.zeros(n), np.full(n, np.inf), np.full(n, -np.inf), np.full(n, np.inf)])
+    fresh = np.zeros((1, n))
     memories, found, stamp = [at.Drifts(*fresh.copy()) for _ in range(3)], set(), 0.0
     measured = speed = torque = true = np.zeros(n)
     sensed = told = np.ones(n)
@@ -120,15 +113,15 @@ def test_it_finds_what_numpy_finds_of_velocities(seed: int) -> None:
             sensed = random.choice([1.0, 1.0, 0.0, -1.0], n)
             told = random.choice([1.0, 1.0, 1.0, 0.0, np.nan], n)
         if k % 4 == 0:
-            torque = random.uniform(-2.0, 2.0, n)
+            torque = np.where(random.random(n) < 0.02, random.uniform(0.0, 2.0, n), 0.0)
         elapsed = float(random.choice([0.01, 0.012, 0.03], p=[0.7, 0.28, 0.02]))
         stamp += elapsed
         before, measured = measured, measured + elapsed * sensed * true
         speed_before, speed = speed, told * true
         readings = at.Readings(measured, speed, before, speed_before)
-        wanted = velocity_oracle(judged, loose, readings, torque, stamp, elapsed, memories[0])
+        wanted = velocity_oracle(judged, loose, readings, torque, elapsed, memories[0])
         kinds = at.Kinds(judged, loose)
-        seen = (np.arange(n), kinds, readings, torque, LIMITS, SETTINGS, stamp, elapsed)
+        seen = (np.arange(n), kinds, readings, torque, LIMITS, SETTINGS, elapsed)
         worst, plain = np.zeros(2), np.zeros(2)
         got = at.judge_velocity(*seen, memories[1], worst)
         in_python = at.judge_velocity.py_func(*seen, memories[2], plain)
@@ -141,8 +134,7 @@ def test_it_finds_what_numpy_finds_of_velocities(seed: int) -> None:
                 for kept, new in zip(memory, fresh, strict=True):
                     kept[:] = new
         found.add(got)
-    assert at.DISAGREES in found
-    assert at.FOLLOWS in found
+    assert {at.DISAGREES, at.FOLLOWS, at.DEAF} <= found
 
 
 @pytest.mark.parametrize("elapsed", [0.0, 0.01])
@@ -150,9 +142,9 @@ def test_a_reading_is_noted_and_an_angle_that_jumps_is_found(elapsed: float) -> 
     random = np.random.default_rng(1)
     count, found = 4, set()
     fastest = np.array([1.0, 1.0, np.inf, 1.0])
-    limits = at.Limits(np.full(count, 2.0), np.full(count, 10.0), fastest)
+    limits = at.Limits(np.full(count, 2.0), fastest)
     readings, worst = at.Readings(*np.zeros((4, count))), np.zeros(2)
-    motions, drifts = at.Motions(*np.zeros((5, count))), at.Drifts(*np.zeros((4, count)))
+    motions, drifts = at.Motions(*np.zeros((5, count))), at.Drifts(np.zeros(count))
     kinds, sent = at.Kinds(*np.zeros((2, 0), bool)), at.Sent(*np.zeros((2, 0)))
     none = np.zeros(0, np.intp), kinds, sent, np.zeros(0)
     for _ in range(60):

@@ -20,7 +20,7 @@ FOLLOWS, LATE, OPPOSED, FROZEN, DISAGREES, DEAF, JUMPED = range(7)
 - a servo moves against its reference
 - an angle stays constant while the reference moves
 - an angle contradicts the measured velocity
-- an angle stays constant although the torque changes
+- angle and velocity stay constant whatever the torque
 - an angle jumps
 """
 SELDOM = 0.025
@@ -58,8 +58,6 @@ class Limits(NamedTuple):
 
     torque: Array
     """Largest torques [N m]."""
-    acceleration: Array
-    """Largest accelerations [rad/s2]."""
     velocity: Array
     """Largest speeds [rad/s]."""
 
@@ -111,18 +109,11 @@ class Motions(NamedTuple):
 
 
 class Drifts(NamedTuple):
-    """What the comparison of angles with velocities and torques keeps of all servos from one reading to the
-    next, each (n_servos,)."""
+    """What the comparison of angles with velocities keeps of all servos from one reading to the next, each
+    (n_servos,)."""
 
     drift: Array
     """Differences [rad] between the recent motion according to the measured velocity and to the angle."""
-    weakest: Array
-    """Least torques [N m] sent in torque mode since the measured angle and velocity stopped changing."""
-    strongest: Array
-    """Largest torques [N m] in the same time."""
-    pushed_since: Array
-    """Times [s] at which the difference of these torques became large enough to move the joint; infinity
-    while it is smaller."""
 
 
 class Monitor(NamedTuple):
@@ -139,11 +130,11 @@ class Monitor(NamedTuple):
 
 MONITOR = record(
     Monitor,
-    record(Limits, *3 * [writes(1)]),
+    record(Limits, *2 * [writes(1)]),
     record(Settings, *10 * [float64]),
     record(Readings, *4 * [writes(1)]),
     record(Motions, *5 * [writes(1)]),
-    record(Drifts, *4 * [writes(1)]),
+    record(Drifts, *1 * [writes(1)]),
     writes(1),
 )
 """Numba's type of a `Monitor`."""
@@ -242,22 +233,21 @@ def judge_velocity(
     servos: Array,
     kinds: Kinds,
     readings: Readings,
-    torque: Array,
+    unanswered: Array,
     limits: Limits,
     settings: Settings,
-    now: float,
     elapsed: float,
     memory: Drifts,
     worst: Array,
 ) -> int:
     """Compares measured angles with velocities and torques, for servos that need not follow a reference.
-    Returns FOLLOWS, or the fault: DISAGREES (an angle contradicts the velocity) or DEAF (an angle stays
-    constant although the torque changes).
+    Returns FOLLOWS, or the fault: DISAGREES (an angle contradicts the velocity) or DEAF (no reading answers
+    the torque).
 
-    `torque` (k,) [N m] was sent to those of the `servos` (k,) that are in torque mode. The `readings` are of
-    `now` [s] and of `elapsed` [s] earlier; a velocity that is NaN is ignored. Writes into `worst` (2,) the
-    index in `servos` of the worst servo, and the difference [rad] of its measured motion from the expected
-    motion.
+    `unanswered` (k,) [N m] are torques that no reading answered. The second of the `readings` is
+    `elapsed` [s] older; a velocity that is NaN is ignored. Writes into `worst` (2,) the index in `servos` of
+    the worst servo, and the difference [rad] of its measured motion from the expected motion, or the share of
+    its torque limit.
     """
     keeps = max(1.0 - elapsed / settings.drift, 0.0)
     found, worst[1] = FOLLOWS, 0.0
@@ -279,25 +269,9 @@ def judge_velocity(
     if found != FOLLOWS:
         return found
     for k in range(len(servos)):
-        servo = servos[k]
-        repeats = (
-            readings.angle[servo] == readings.angle_before[servo]
-            and readings.speed[servo] == readings.speed_before[servo]
-        )
-        if not (kinds.loose[k] and repeats):
-            memory.weakest[servo] = memory.pushed_since[servo] = float("inf")
-            memory.strongest[servo] = -float("inf")
-            continue
-        memory.weakest[servo] = min(memory.weakest[servo], torque[k])
-        memory.strongest[servo] = max(memory.strongest[servo], torque[k])
-        push = (memory.strongest[servo] - memory.weakest[servo]) / limits.torque[servo]
-        begin = min(memory.pushed_since[servo], now) if push > settings.push else float("inf")
-        memory.pushed_since[servo] = begin
-        if not begin < now:
-            continue
-        way = 0.5 * push * limits.acceleration[servo] * (now - begin) ** 2
-        if way > max(settings.frozen_travel, worst[1]):
-            found, worst[0], worst[1] = DEAF, k, way
+        share = unanswered[k] / limits.torque[servos[k]]
+        if kinds.loose[k] and share > max(settings.push, worst[1]):
+            found, worst[0], worst[1] = DEAF, k, share
     return found
 
 
@@ -308,15 +282,15 @@ def judge_velocity(
     )
 )  # fmt: skip
 def judge_reading(
-    monitor: Monitor, servos: Array, kinds: Kinds, sent: Sent, torque: Array, angles: Array,
+    monitor: Monitor, servos: Array, kinds: Kinds, sent: Sent, unanswered: Array, angles: Array,
     speeds: Array, now: float, elapsed: float,
 ) -> int:  # fmt: skip
     """Checks a joint reading for faults: `angles` [rad] and `speeds` [rad/s] (n_servos,) of all servos,
     measured at the time `now` [s].
 
     Returns the fault as one of the numbers LATE to JUMPED; FOLLOWS if there is no fault. `elapsed` [s] is the
-    time since the previous reading. If `elapsed` is 0 or less, the reading is only stored. `sent` and
-    `torque` (k,) [N m] were sent to the `servos` (k,).
+    time since the previous reading. If `elapsed` is 0 or less, the reading is only stored. `sent` was
+    sent to the `servos` (k,), and `unanswered` (k,) [N m] are torques that no reading answered.
     """
     limits, settings, readings, worst = monitor.limits, monitor.settings, monitor.readings, monitor.worst
     for i in range(len(angles)):
@@ -327,7 +301,7 @@ def judge_reading(
     if _jump(readings, limits, settings.encoder_step, elapsed, worst):
         return JUMPED
     found = judge_velocity(
-        servos, kinds, readings, torque, limits, settings, now, elapsed, monitor.drifts, worst
+        servos, kinds, readings, unanswered, limits, settings, elapsed, monitor.drifts, worst
     )
     if found != FOLLOWS:
         return found

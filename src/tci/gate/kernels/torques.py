@@ -9,7 +9,7 @@ from numba import boolean, float64, int64, void
 from numpy.typing import NDArray
 
 from tci.messages.frames import Array
-from tci.support.compiled import compiled, record, views, writes
+from tci.support.compiled import compiled, inlined, record, views, writes
 
 
 class Limits(NamedTuple):
@@ -81,6 +81,45 @@ class Memory(NamedTuple):
     """Velocities [rad/s] of the reading before."""
 
 
+class Answers(NamedTuple):
+    """What is kept of all servos to tell whether their readings answer the torques, each (n_servos,)."""
+
+    place: Array
+    """Angles [rad] of the reading before."""
+    stood: Array
+    """Times [s] for which angle and velocity have repeated exactly."""
+    base: Array
+    """Torques [N m] under which they began to repeat."""
+    phase: Array
+    """What the present push does: PUSHES, COASTS, BRAKES or RESTS."""
+    spent: Array
+    """Times [s] since the push coasts or rests."""
+    pace: Array
+    """Speeds [rad/s] that the push would have given a heavy free joint."""
+    way: Array
+    """Ways [rad] that it would have gone."""
+    size: Array
+    """Sizes [N m] of the push before."""
+    pushes: Array
+    """Numbers of pushes in a row that no reading answered."""
+
+
+PUSHES, COASTS, BRAKES, RESTS = range(4)
+SLEEPS = 0.06
+"""Time [s] for which a reading repeats exactly until its joint is pushed with care, since the encoder may be
+frozen. With 0.15 s an iCub's shoulder without friction turned by 53 degrees instead of 19."""
+HEAVY = 4.0
+"""Inertia, as a multiple of the links' least, up to which a free joint must answer a push: with its motor."""
+NOTICED = float(np.deg2rad(0.15))
+"""Way [rad] of such a joint after which a push ends. It coasts three times as far until a reading tells it:
+more than a count of a coarse encoder."""
+BRAKED = 0.9
+"""Share of a push that nothing answered that is taken back. If the joint turned unseen, friction does the
+rest; it must not turn back."""
+HARDER = 1.5
+"""Ratio between a push and the one before, while nothing answers."""
+ENOUGH = 3.0
+"""Pushes without an answer after which only a harder command is tried."""
 RISE = 0.02
 """Time [s] in which a torque may rise from zero to its limit. Assumed: a sudden change of torque would jerk
 the joint."""
@@ -111,10 +150,54 @@ UNSURE = 0.15
 load is believed: the joint moves and its velocity does not show it."""
 
 
+@inlined
+def push_with_care(
+    i: int, given: float, inertia: float, first: float, late: float, period: float, answers: Answers
+) -> float:
+    """Returns the torque [N m] to send to servo `i`, whose readings repeat, in place of the torque `given`.
+
+    The encoder may be frozen and the joint free. So the torque goes above that under which the readings began
+    to repeat only in pushes. A push ends when a heavy free joint would have turned far enough to be noticed.
+    If no reading has answered it when it must have arrived, most of its momentum is taken back, whatever the
+    inertia, and the next push may be harder. `first` [N m] is the largest first push, and `late` [s] the time
+    until a reading can answer.
+    """
+    # less torque than before is no push
+    base = min(max(answers.base[i], min(given, 0.0)), max(given, 0.0))
+    change, size, phase = given - base, answers.size[i], answers.phase[i]
+    if phase == PUSHES:
+        if answers.pushes[i] >= ENOUGH and abs(change) < HARDER * size:
+            return base
+        most = max(first, HARDER * size)
+        change = min(max(change, -most), most)
+        answers.pace[i] += period * change / (HEAVY * inertia)
+        answers.way[i] += period * answers.pace[i]
+        if abs(answers.way[i]) > NOTICED:
+            answers.phase[i], answers.spent[i], answers.size[i] = COASTS, 0.0, abs(change)
+            answers.pace[i] *= BRAKED
+        return base + change
+    answers.spent[i] += period
+    if phase == COASTS and answers.spent[i] > late:
+        answers.phase[i] = BRAKES
+    elif phase == BRAKES:
+        before = answers.pace[i]
+        least = min(size, HEAVY * inertia * abs(before) / period)
+        back = -least if before > 0.0 else least
+        answers.pace[i] += period * back / (HEAVY * inertia)
+        if abs(answers.pace[i]) < 1e-9:
+            answers.phase[i], answers.spent[i] = RESTS, 0.0
+        return base + back
+    elif phase == RESTS and answers.spent[i] > late:
+        answers.phase[i], answers.pace[i], answers.way[i] = PUSHES, 0.0, 0.0
+        answers.pushes[i] += 1.0
+    return base
+
+
 @compiled(
     void(
         views(1, int64), record(Measured, *6 * [writes(1)]), record(Limits, *8 * [writes(1)]), views(1),
         views(1), record(Times, *5 * [float64]), boolean, record(Memory, *5 * [writes(1)]),
+        record(Answers, *9 * [writes(1)]),
     )
 )  # fmt: skip
 def limit_torques(
@@ -126,6 +209,7 @@ def limit_torques(
     times: Times,
     drives: bool,
     memory: Memory,
+    answers: Answers,
 ) -> None:
     """Computes the torques [N m] that are sent now to servos in torque mode, and writes them into
     `memory.given`.
@@ -143,6 +227,7 @@ def limit_torques(
         times: When this was measured.
         drives: False if torques may only brake.
         memory: Commanded torques, and what is kept from one period to the next.
+        answers: How readings answered the torques so far.
     """
     elapsed, unseen = times.elapsed, times.age + times.underway
     late = unseen + times.period
@@ -155,6 +240,16 @@ def limit_torques(
         most, inertia = limits.torque[k], limits.inertia[k]
         fastest = limits.velocity[k]
         if elapsed > 0.0:
+            if q != answers.place[i] or v != memory.before[i]:
+                answers.stood[i] = answers.phase[i] = answers.pace[i] = answers.way[i] = 0.0
+                answers.size[i] = answers.pushes[i] = 0.0
+            else:
+                if answers.stood[i] == 0.0:
+                    answers.base[i] = measured.between[i] / elapsed
+                answers.stood[i] += elapsed
+            answers.place[i] = q
+        careful = answers.stood[i] > SLEEPS
+        if elapsed > 0.0 and not careful:
             seen = (inertia * (v - memory.before[i]) - measured.between[i]) / elapsed
             seen = min(max(seen, -most), most)
             grows = seen * memory.load[i] >= 0.0 and abs(seen) > abs(memory.load[i])
@@ -195,6 +290,8 @@ def limit_torques(
                 brake = way * back if back < 0.0 else brake
                 continue
             if way * risen > 0.0:
+                if careful and answers.size[i] > 0.0:
+                    bound = max(bound, way * answers.base[i] + HARDER * answers.size[i])
                 given = way * max(min(abs(risen) * min(left / FADE, 1.0), bound), 0.0)
             # if angles repeat, or move opposite to the velocity, braking would drive the joint
             if bound < 0.0 < speed and mean != 0.0 and mean * v >= -0.5 * v * v:
@@ -203,6 +300,8 @@ def limit_torques(
                 least = -(2.0 - share) * inertia * ends / late - share * max(net, 0.0)
                 # twice what the links alone need: a motor has inertia too
                 brake = way * max(bound - inertia * max(ahead - safe, 0.0) / late, least)
+        if careful and drives and halts[i] == 0.0:
+            given = push_with_care(i, given, inertia, inertia * fastest / late, late, times.period, answers)
         if brake != 0.0:
             given = trust[k] * min(max(brake, -most), most)
         memory.given[i] = min(max(given, -most), most)

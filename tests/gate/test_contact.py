@@ -494,7 +494,7 @@ def test_healthy_but_late_coarse_and_dirty_robots_meet_nothing(name: str, rate: 
 
 
 def test_the_judge_is_a_stranger() -> None:
-    for name in ("rigid_robot", "squeezed", "struck", "four_modes"):
+    for name in ("rigid_robot", "squeezed", "struck", "four_modes", "healthy"):
         tree = ast.parse((HELPERS / f"{name}.py").read_text())
         imported = {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
         assert not [one for one in imported if one.startswith(("tci.gate", "tci.simulation"))]

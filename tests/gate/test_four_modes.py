@@ -10,6 +10,7 @@ import pytest
 
 from helpers.four_modes import FourModes, frozen, pushed
 from helpers.gate_checks import LIMITS, PERIOD, make_robot, reading
+from helpers.healthy import Healthy
 from tci.errors import CommandError, UnknownNameError
 from tci.gate.gate import Gate
 from tci.messages import CONTROL_MODES, Mode, PlatformSwitch
@@ -52,6 +53,14 @@ def test_20_an_encoder_that_freezes_at_rest_lets_its_joint_turn_little(
     assert reason.startswith(f"the encoder of {name} stands still whatever the torque")
     assert fast <= 1.3
     assert way <= np.deg2rad(25.0)
+
+
+@pytest.mark.parametrize("mode", [Mode.IMPEDANCE, Mode.TORQUE])
+def test_a_healthy_but_dirty_robot_at_full_speed_raises_no_alarm(mode: Mode) -> None:
+    trial = Healthy(ICUB, mode, 7, rate=500.0)
+    trial.run(3.0)
+    assert not trial.alarms
+    assert trial.moved > 3.0, "a robot that stands still shows nothing"
 
 
 def test_a_declared_load_counts_where_the_hand_carries_it() -> None:

@@ -493,7 +493,8 @@ class ContactReaction:
     def _back(self, group: _Group, seen: _Seen, before: float, *, pulled: bool) -> Array:
         """The latest posture of the path before the time `before` [s] that is `FURTHER` away from here; if
         `pulled`, away from where the joints that are behind press. The path is used up to there. Else the
-        posture that is farthest away, or here: never nearer to what they push."""
+        posture that is farthest away, or here: never nearer to what they push, so a joint that somebody
+        pushed off its way stays where it was pushed."""
         here: Array = seen.joints.position[group.servos]
         own, pull = np.isin(group.servos, seen.own), self._following.pull[group.servos]
         path = list(group.path)
@@ -508,7 +509,10 @@ class ContactReaction:
                 if stamp <= before and away >= FURTHER:
                     break
         group.path = deque(path[:last])
-        return best
+        if not pulled:
+            return best
+        yields: Array = np.where(pull > 0.0, np.minimum(best, here), np.maximum(best, here))
+        return np.where(pull == 0.0, best, yields)
 
     def _walk(self, group: _Group, joints: JointReading) -> None:
         here = joints.position[group.servos]

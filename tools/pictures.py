@@ -22,6 +22,7 @@ import clamped
 import control_modes
 import gallery
 import generic_arm
+import gentle
 import numpy as np
 import touch_to_motion
 import without_skin
@@ -171,6 +172,7 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "notebook": notebook,
     "pokes": lambda folder: gallery.pokes(folder, IMAGES),
     "kinds": lambda folder: gallery.kinds(folder, IMAGES),
+    "gentle": lambda _: gentle.picture(IMAGES / "gentle.png"),
     "attend": lambda folder: gallery.attend(folder, IMAGES),
     "soft": lambda folder: gallery.soft(folder, IMAGES),
     "body": lambda folder: gallery.body(folder, IMAGES),

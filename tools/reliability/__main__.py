@@ -28,6 +28,7 @@ from exposure import exposure
 from g1 import unitree_faults, unitree_messages, unitree_motion
 from g1_hostile import unitree_hostile
 from g1_kills import unitree_kills
+from gentles import gentles
 from healthy import healthy
 from kills import yarp_kills
 from modes import modes
@@ -48,9 +49,8 @@ from wires import wires
 ROWS: dict[str, Callable[[bool], Row]] = {
     one.__name__: one
     for one in (
-        limits, modes, healthy, squeezed, bystander, attends, bodies, moves_away, whole_arm, non_finite,
-        heartbeat,
-        one_kilohertz, loop,
+        limits, modes, healthy, squeezed, bystander, attends, gentles, bodies,
+        moves_away, whole_arm, non_finite, heartbeat, one_kilohertz, loop,
         false_reflexes, descriptions, guided, heartbeats, wires, dropped, killed, minute, yarp_skin,
         yarp_kills, mutation, branches, exposure, felt_places, felt_nothing, felt_reflex,
         unitree_kills, unitree_messages, unitree_hostile, unitree_faults, unitree_motion,

@@ -263,6 +263,30 @@ class GenericBody:
         position, goal = perception.joints.position, np.asarray(target, np.float64)
         return self._paces.pace(position, part, perception.posture[part], goal, people)
 
+    def yield_to(
+        self, perception: Perception, contacts: Sequence[Contact], rates: ArrayLike, most: ArrayLike
+    ) -> Array:
+        """The speeds (n,) [rad/s] nearest to `rates` (n,) with which no contact point of a part moves faster
+        into what touches it than `most` (c,) [m/s] says; below 0 it moves away. If not all are possible, the
+        largest excess is as small as 20 corrections make it.
+
+        Args:
+            perception: what is felt now.
+            contacts: c contacts of one part.
+            rates: wanted speeds of its generic joints.
+            most: largest speed of each contact point, along the skin's outward normal.
+        """
+        speeds, limits = np.array(rates, np.float64), np.asarray(most, np.float64)
+        into = np.array([self.jacobian(perception, one).T @ one.n_T for one in contacts])
+        sizes = (into**2).sum(axis=1) + 1e-4
+        for _ in range(20):
+            excess = into @ speeds - limits
+            worst = int(excess.argmax())
+            if excess[worst] <= 1e-6:
+                break
+            speeds -= into[worst] * excess[worst] / sizes[worst]
+        return read_only(speeds)
+
     def look_at(self, perception: Perception, point: ArrayLike) -> Look:
         """How to look at `point` (3,) [m] in the torso frame, such as a contact's `p_T`: which part turns,
         and to which generic angles. A robot without a neck turns its waist. The point stays where it is in

@@ -1,0 +1,229 @@
+"""An arm on its way gives way to a person: what it presses with has a cap, and then it goes on.
+
+Admittance per contact (Hogan 1985): into what touches it, a point of the skin moves with at most
+(cap - force) / D, so it goes away above the cap and on below. D = 2 k T keeps the loop stable, with the delay
+T of skin, bus and servo; k is the stiffness of the one who is met, learnt from how force rises with the arm's
+own way, and lowered while the force does not fall although the arm goes away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Generic
+
+import numpy as np
+
+from tci.body import GenericBody
+from tci.capabilities.capability import Capability, Memory
+from tci.capabilities.needs import Need
+from tci.capabilities.sway import Sway
+from tci.capabilities.wrapper import CapabilityWrapper
+from tci.errors import CommandError, TciError
+from tci.messages import (
+    Command,
+    Contact,
+    ExpectContact,
+    GenericCommand,
+    Mode,
+    Order,
+    Perception,
+    SwitchMode,
+)
+from tci.messages.frames import read_only
+
+SOFT, STIFF = 1e3, 75e3
+"""Stiffness [N/m] of people: the pad of a hand, and a hand that is clamped (ISO/TS 15066)."""
+WINDOW = 0.2
+"""Time [s] from whose frames the stiffness is learnt."""
+LEAST_WAY = 1.5e-4
+"""Way [m] below which a rise of force says nothing of stiffness: encoders are no finer."""
+LEARNT = 2.0
+"""Time [s] after a contact for which its stiffness is known: whoever was met is still there."""
+STUBBORN = 0.08
+"""Time [s] above the cap after which a force that doesn't fall means that the other one follows."""
+SHARE = 0.3
+"""Share of cap / (k T) with which it comes back to somebody whom it knows."""
+EXPECTED = 65.0
+"""Force [N] up to which it handles contact itself: a first blow on something stiff is above the cap until the
+arm has given way."""
+GAIN = 4.0
+"""Speed per distance from the target [1/s]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Met:
+    """Whom an arm met."""
+
+    stiffness: float
+    """[N/m]; 0 before it is known."""
+    felt: float
+    """When it was last felt [s]."""
+    over: float
+    """Since when the force is above the cap [s]; inf while it is not."""
+    sequence: int
+    """Number of the skin's frame."""
+    way: float
+    """How far the arm has gone into it [m]."""
+    frames: tuple[tuple[float, float, float], ...]
+    """Time [s], force [N] and way [m] of the last frames."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GentleMemory(Generic[Memory]):
+    """Memory of `Gentle`."""
+
+    inner: Memory
+    stamp: float = np.nan
+    """[s]"""
+    targets: Mapping[str, GenericCommand] = field(default_factory=dict)
+    """Where the capability wants each arm."""
+    met: Mapping[str, Met] = field(default_factory=dict)
+    """Whom each arm met, by its name."""
+    said: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
+    """Runs a capability that moves arms in position mode, and lets the arms give way to whoever they meet.
+
+    The arms move in velocity mode, slowly, since an arm can't be gentle with what it has struck. It declares
+    the contact that it handles (`ExpectContact`), so the gate answers only above that. Raises TciError for a
+    setting out of range.
+    """
+
+    inner: Capability[Memory]
+    """What moves the arms."""
+    cap: float = 10.0
+    """Force [N] with which an arm presses at most, once it has given way: 5 for a handshake, 10 for a hug, 15
+    for help to stand up (arXiv 2511.04679)."""
+    speed: float = 0.05
+    """Speed [m/s] of the hand that nobody touches. A blow is that of the speed and of the stiffness that is
+    met: at double of it, 75 N/mm are struck with 60 to 440 N."""
+    delay: float = 0.05
+    """Time [s] from a force to the motion that answers it: a frame of skin at 50 Hz, a reading, a servo."""
+    parts: Sequence[str] = ("left_arm", "right_arm")
+
+    def __post_init__(self) -> None:
+        for name, least, most in (("cap", 1.0, 30.0), ("speed", 1e-3, 1.0), ("delay", 5e-3, 0.5)):
+            if not least <= getattr(self, name) <= most:
+                raise TciError(f"gentle: {name} {getattr(self, name)}; valid: {least:g} to {most:g}")
+        object.__setattr__(self, "parts", tuple(self.parts))
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        return (*super().needs, Need(f"skin on {' or '.join(self.parts)}", tuple(self.parts)))
+
+    def inner_memory(self, memory: GentleMemory[Memory]) -> Memory:
+        return memory.inner
+
+    def with_inner_memory(self, memory: GentleMemory[Memory], inner: Memory) -> GentleMemory[Memory]:
+        return replace(memory, inner=inner)
+
+    def init(self, body: GenericBody) -> GentleMemory[Memory]:
+        return GentleMemory(self.inner.init(body))
+
+    def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
+        """The capability's own first orders, and the switch of the arms to velocity mode."""
+        arms = [part for part in self.parts if part in perception.posture and body.has_joint(part).any()]
+        first = [one for one in super().begin(perception, body) if getattr(one, "part", "") not in arms]
+        return (*first, *(SwitchMode(part, Mode.VELOCITY) for part in arms))
+
+    def step(
+        self, memory: GentleMemory[Memory], perception: Perception, body: GenericBody
+    ) -> tuple[tuple[Order, ...], GentleMemory[Memory]]:
+        """Raises CommandError if the capability commands an arm in another way than by positions."""
+        given, memory = super().step(memory, perception, body)
+        targets, orders = dict(memory.targets), list[Order]()
+        for order in given:
+            if not isinstance(order, Command):
+                raise CommandError("gentle: a command in the robot's own joints; valid: to generic parts")
+            if order.part not in self.parts:
+                orders.append(order)
+            elif isinstance(order, GenericCommand) and order.mode is Mode.POSITION:
+                targets[order.part] = order
+            else:
+                raise CommandError(
+                    f"gentle: {order.part} is commanded in another way than by positions; valid: position"
+                )
+        elapsed = max(perception.stamp - memory.stamp, 0.0) if memory.stamp == memory.stamp else 0.0
+        met, said = dict(memory.met), []
+        for part, target in targets.items():
+            own = [one for one in perception.contacts if one.part == part]
+            after = self._meet(met.get(part), own, part, elapsed, perception, body)
+            if after is not None:
+                met[part] = after
+            orders += self._move(part, target, own, after, perception, body)
+            pressed = max((one.force for one in own), default=0.0)
+            if pressed > 0.5 * self.cap:
+                said.append(
+                    f"{part} gives way: {pressed:.0f} N are on it, and it presses with {self.cap:g} N"
+                )
+        memory = replace(memory, stamp=perception.stamp, targets=targets, met=met, said=tuple(said))
+        return tuple(orders), memory
+
+    def claims(self, memory: GentleMemory[Memory]) -> frozenset[str]:
+        """What the capability claims, and the arms that it has moved."""
+        return super().claims(memory) | frozenset(memory.targets)
+
+    def notes(self, memory: GentleMemory[Memory]) -> tuple[str, ...]:
+        return (*super().notes(memory), *memory.said)
+
+    def _meet(
+        self, met: Met | None, own: list[Contact], part: str, elapsed: float, perception: Perception,
+        body: GenericBody,
+    ) -> Met | None:  # fmt: skip
+        """What is known of whom the arm meets, after this instant."""
+        now = perception.stamp
+        if not own:
+            return met
+        force = np.array([one.force for one in own])
+        pushes = np.array([body.jacobian(perception, one).T @ one.n_T for one in own])
+        rate = float(force @ pushes @ body.rate(perception, part)) / float(force.sum())
+        if met is None or now - met.felt > LEARNT:
+            met = Met(0.0, now, np.inf, -1, 0.0, ())
+        way, frames = met.way + rate * elapsed, met.frames
+        if now - met.felt > WINDOW:
+            frames = ()
+        sequence = max(one.sequence for one in own)
+        if sequence == met.sequence:
+            return replace(met, felt=now, way=way)
+        total = float(force.sum())
+        if not frames:  # it touched since the frame before
+            frames = ((now - 0.01, 0.0, way - max(rate, 1e-3) * 0.01),)
+        frames = (*(one for one in frames if now - one[0] <= WINDOW), (now, total, way))
+        over = min(met.over, now) if total > self.cap else np.inf
+        table = np.array(frames)
+        rises, ways = table[-1, 1] - table[:-1, 1], table[-1, 2] - table[:-1, 2]
+        told = np.abs(ways) > LEAST_WAY
+        stiffness = max(met.stiffness, float((rises[told] / ways[told]).max(initial=0.0)))
+        before = table[table[:, 0] <= now - self.delay, 1]
+        if now - over > STUBBORN and before.size and total > 0.9 * before[-1]:
+            stiffness *= 0.8
+        if not told.any() and met.stiffness == 0.0:
+            stiffness = STIFF
+        return Met(float(np.clip(stiffness, SOFT, STIFF)), now, over, sequence, way, frames)
+
+    def _move(
+        self, part: str, target: GenericCommand, own: list[Contact], met: Met | None, perception: Perception,
+        body: GenericBody,
+    ) -> tuple[Order, ...]:  # fmt: skip
+        """Towards the target as far as the cap permits, or away."""
+        known = met is not None and perception.stamp - met.felt < LEARNT
+        speed, damping = self.speed, np.inf
+        if known and met is not None:
+            damping = 2.0 * met.stiffness * self.delay
+            speed = min(speed, SHARE * self.cap / (met.stiffness * self.delay))
+        want = GAIN * (target.values - perception.posture[part])
+        lengths = sum(one.length for one in body.robot.part(part).segments) or 0.5
+        want *= min(1.0, speed / max(float(np.abs(want).sum()) * lengths, 1e-9))
+        if own:
+            want = body.yield_to(perception, own, want, [(self.cap - one.force) / damping for one in own])
+        return (
+            GenericCommand(part, Mode.VELOCITY, read_only(want), target.speed),
+            ExpectContact(part, EXPECTED),
+        )
+
+
+GENTLE_SWAY = Gentle(Sway())
+"""Both arms sway, and give way to whoever they meet: `tci run gentle nao --touch "push 'left forearm'"`."""

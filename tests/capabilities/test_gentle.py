@@ -1,0 +1,79 @@
+"""An arm on its way gives way to whoever it meets (judge: `helpers.gentled`)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tci
+from helpers.gentled import Go, meet
+from tci.errors import CommandError, TciError
+from tci.messages import ExpectContact, GenericCommand, Mode, SwitchMode
+from tci.testing import TouchedRobot
+
+
+@pytest.mark.parametrize(
+    ("name", "seed", "cap", "stiffness"),
+    [("g1", 2, 10.0, 10e3), ("icub", 1, 5.0, 75e3), ("nao", 1, 15.0, 25e3)],
+)
+def test_it_presses_with_no_more_than_its_cap_and_then_goes_on(
+    name: str, seed: int, cap: float, stiffness: float
+) -> None:
+    met = meet(name, seed, cap=cap, stiffness=stiffness)
+    assert met is not None
+    assert met.felt
+    assert met.peak > 3.0
+    assert met.late <= cap + max(0.1 * cap, met.step)
+    assert met.left < 2.0
+    assert met.state == "RUN"
+
+
+def test_speeds_give_way_to_two_people_at_once() -> None:
+    """Whatever is wanted, no contact is pressed further than it may be; where both can't be, the larger
+    excess is made small."""
+    robot, second, random = TouchedRobot("icub"), TouchedRobot("icub"), np.random.default_rng(0)
+    for _ in range(40):
+        seen = robot.perceive("left_forearm", taxel=int(random.integers(100)), force=6.0)
+        other = second.perceive("left_upper_arm", taxel=int(random.integers(100)), force=6.0)
+        contacts = [*seen.contacts, *other.contacts]
+        if len(contacts) < 2:
+            continue
+        wanted, most = random.uniform(-1.0, 1.0, 5), random.uniform(-0.02, 0.05, len(contacts))
+        rates = robot.body.yield_to(seen, contacts, wanted, most)
+        into = np.array([robot.body.jacobian(seen, one).T @ one.n_T for one in contacts])
+        before, after = into @ wanted - most, into @ rates - most
+        assert after.max() <= max(before.max(), 0.0) + 1e-9
+        if np.linalg.matrix_rank(into, tol=0.05) == len(contacts):
+            assert after.max() <= 0.01
+        if before.max() <= 0.0:
+            np.testing.assert_array_equal(rates, wanted)
+
+
+def test_it_declares_the_contact_that_it_handles_and_tells_it() -> None:
+    robot = TouchedRobot("nao")
+    goal = robot.body.robot.part("left_arm").initial_posture + 0.4
+    gentle = tci.Gentle(Go("left_arm", goal), cap=5.0)
+    first = gentle.begin(robot.perceive(), robot.body)
+    assert [(one.part, one.mode) for one in first if isinstance(one, SwitchMode)] == [
+        ("left_arm", Mode.VELOCITY), ("right_arm", Mode.VELOCITY),
+    ]  # fmt: skip
+    memory = gentle.init(robot.body)
+    for touch in (None, None, "left_forearm", "left_forearm", "left_forearm"):
+        seen = robot.perceive(touch, force=12.0)
+        orders, memory = gentle.step(memory, seen, robot.body)
+        move, expects = orders
+        assert isinstance(move, GenericCommand)
+        assert isinstance(expects, ExpectContact)
+        pushes = [robot.body.jacobian(seen, one).T @ one.n_T @ move.values for one in seen.contacts]
+        assert all(push < 0.0 for push in pushes), "12 N are above the cap"
+    assert gentle.claims(memory) == {"left_arm"}
+    assert "left_arm gives way" in gentle.notes(memory)[0]
+    with pytest.raises(TciError, match=r"gentle: cap 40.0; valid: 1 to 30"):
+        tci.Gentle(Go("left_arm", goal), cap=40.0)
+
+
+def test_it_takes_positions_only() -> None:
+    robot = TouchedRobot("nao")
+    gentle = tci.Gentle(tci.SoftReaction())
+    with pytest.raises(CommandError, match="another way than by positions"):
+        gentle.step(gentle.init(robot.body), robot.perceive(), robot.body)

@@ -1,0 +1,142 @@
+"""Trials of `tci.Gentle` on a plant that shares nothing with the gate: an arm on its way meets somebody.
+
+Nothing of the capability is used but its commands; plant, partner and forces are those of `rigid_robot`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import tci
+from helpers.rigid_robot import AWAY, Person, RigidDriver, RigidRobot
+from tci.messages import GenericCommand, JointReading, Mode, Order
+from tci.messages.frames import Array, read_only
+from tci.robot.joint_map import initial_position, joint_map
+from tci.robot.kinematics import KinematicChain
+from tci.runtime.loop import run
+from tci.skin.skin import Skin
+
+RADIUS = 0.03
+HERE = 2.5
+"""Time [s] for which the partner stays."""
+MOST = 14.0
+"""Longest trial [s]: a slow way to the partner, the contact, and the rest of the way."""
+
+
+class Go(tci.Capability[bool]):
+    """Moves an arm to a posture, once."""
+
+    def __init__(self, part: str, goal: Array) -> None:
+        self.part, self.goal = part, goal
+
+    def init(self, body: tci.GenericBody) -> bool:
+        return False
+
+    def step(
+        self, memory: bool, perception: tci.Perception, body: tci.GenericBody
+    ) -> tuple[tuple[Order, ...], bool]:
+        return (() if memory else (GenericCommand(self.part, Mode.POSITION, self.goal),)), True
+
+
+@dataclass(frozen=True)
+class Outcome:
+    patch: str
+    peak: float
+    """[N]"""
+    late: float
+    """Largest force [N] from 1 s after the first contact on, a mean of 20 ms."""
+    high: float
+    """95th percentile of the force [N] since the first contact."""
+    step: float
+    """Force [N] of one step of the encoders: the partner's stiffness times the way of the contact."""
+    kept: float
+    """Share of the time with contact, while the partner was there."""
+    left: float
+    """Angle [deg] to the goal at the end, after the partner has left."""
+    felt: bool
+    """Skin felt it; on links without skin the gate answers."""
+    state: str
+    force: tuple[Array, Array]
+    """Times [s] since the first contact and forces [N], while the partner is there."""
+
+
+def meet(name: str, seed: int, *, cap: float, stiffness: float, speed: float = 0.0) -> Outcome | None:
+    """An arm meets a partner on a spring, who stands or moves towards it and back with up to `speed` [m/s].
+    None if no skin of the arm goes ahead on its way, or nobody is met."""
+    random, robot = np.random.default_rng(seed), tci.load_robot(name)
+    part = str(random.choice([one.name for one in robot.parts if one.kind == "arm"]))
+    start = np.deg2rad(random.uniform([10, 10, -10, 40, 0], [40, 35, 10, 80, 1]))
+    way = random.choice([-1.0, 1.0]) * np.array([0.6, 0, 0, 0, 0]) * random.uniform(0.7, 1.2)
+    goal = start + way + np.array([0, random.uniform(0, 0.3), 0, random.uniform(-0.2, 0.2), 0])
+    patches = [one for one in robot.skin if one.part == part and one.segment]
+    patch = patches[int(random.integers(len(patches)))]
+    share, rate = random.uniform(0.3, 0.6), float(random.choice([100.0, 500.0]))
+    angles = _angles(robot, part, start)
+    skin = Skin(robot)
+    before, normals = _skin(skin, patch.name, _angles(robot, part, start + share * (goal - start)))
+    after, _ = _skin(skin, patch.name, _angles(robot, part, start + (share + 0.02) * (goal - start)))
+    moved = after - before
+    ahead = (moved * normals).sum(axis=1)
+    first = np.flatnonzero(ahead > 0.8 * np.linalg.norm(moved, axis=1).max())
+    if not len(first):
+        return None
+    taxel = int(random.choice(first))
+    plant = RigidRobot(
+        robot, people=[Person("partner", stiffness, radius=RADIUS)], seed=seed, angles=angles, rate=rate
+    )
+    T_TL = KinematicChain(robot).poses(angles, [patch.link])[patch.link]
+    position, rotation = plant.link_pose(patch.link)
+    R_WT = rotation @ T_TL[:3, :3].T
+    place = position + R_WT @ (before[taxel] + RADIUS * normals[taxel] - T_TL[:3, 3])
+    away = R_WT @ normals[taxel]
+    plant.place("partner", place)
+    felt, joints = plant.felt["partner"], joint_map(robot, part)
+    skin_felt: list[bool] = []
+
+    def see(tick: Any) -> None:
+        skin_felt.append(any(one.part == part for one in tick.perception.contacts))
+        if felt.first is None:
+            return
+        since = tick.now - felt.first
+        if since > HERE:
+            plant.shift("partner", AWAY)
+        elif speed:
+            plant.shift("partner", place - away * speed / np.pi * (1.0 - np.cos(np.pi * since)))
+
+    def left() -> float:
+        return float(np.degrees(np.abs(joints.to_generic(plant.position) - goal)[joints.ids].max()))
+
+    result = run(
+        RigidDriver(plant), tci.Gentle(Go(part, goal), cap=cap), duration=MOST, observe=see,
+        until=lambda memory: felt.first is not None and plant.time > felt.first + HERE + 0.5 and left() < 2.0,
+    )  # fmt: skip
+    if felt.first is None:
+        return None
+    times, forces = np.array(felt.time), np.array(felt.force)
+    there = (times >= felt.first) & (times <= felt.first + HERE)
+    smooth = np.convolve(forces, np.ones(40) / 40.0, mode="same")
+    lengths = sum(one.length for one in robot.part(part).segments)
+    return Outcome(
+        patch.name, felt.peak, float(smooth[there & (times >= felt.first + 1.0)].max(initial=0.0)),
+        float(np.percentile(forces[there], 95)), stiffness * lengths * plant._count,
+        float((forces[there] > 0.1).mean()), left(), sum(skin_felt) > 0.5 * HERE * rate * 0.5,
+        result.state.name, (times[there] - felt.first, forces[there]),
+    )  # fmt: skip
+
+
+def _angles(robot: tci.Robot, part: str, generic: Array) -> Array:
+    angles, joints = np.array(initial_position(robot)), joint_map(robot, part)
+    angles[joints.servos] = joints.to_robot(generic, angles)
+    for servo in robot.servos:
+        low, high = servo.limits.lower, servo.limits.upper
+        if low is not None and high is not None:
+            angles[servo.index] = np.clip(angles[servo.index], low + 1e-3, high - 1e-3)
+    return angles
+
+
+def _skin(skin: Skin, patch: str, angles: Array) -> tuple[Array, Array]:
+    joints = JointReading(0.0, 0, read_only(angles), read_only(np.zeros(len(angles))))
+    return skin.positions(patch, joints, frame="torso"), skin.normals(patch, joints, frame="torso")

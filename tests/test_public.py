@@ -25,7 +25,16 @@ BY_NAME = {name.rpartition(".")[2]: thing for name, thing in PUBLIC.items()} | {
 """For annotations of modules that import a type for type checkers only; Gymnasium does it with EnvSpec."""
 INNER = {"Hands", "LayoutArrays", "Limits", "Physics", "PosedSkin"}
 """Tables of compiled loops and of the simulation, which only TCI makes and reads."""
-MEMORIES = {"Attention", "GentleMemory", "GestureMemory", "Grip", "PolicyMemory", "Posture", "StopMemory", "Withdrawals"}
+MEMORIES = {
+    "Attention",
+    "GentleMemory",
+    "GestureMemory",
+    "Grip",
+    "PolicyMemory",
+    "Posture",
+    "StopMemory",
+    "Withdrawals",
+}
 """Memories of capabilities: programs hand them back and read nothing in them."""
 
 

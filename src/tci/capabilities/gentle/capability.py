@@ -52,7 +52,7 @@ GAIN = 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Met:
+class Partner:
     """Whom an arm met."""
 
     stiffness: float
@@ -78,7 +78,7 @@ class GentleMemory(Generic[Memory]):
     """[s]"""
     targets: Mapping[str, GenericCommand] = field(default_factory=dict)
     """Where the capability wants each arm."""
-    met: Mapping[str, Met] = field(default_factory=dict)
+    met: Mapping[str, Partner] = field(default_factory=dict)
     """Whom each arm met, by its name."""
     said: tuple[str, ...] = ()
 
@@ -170,9 +170,9 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
         return (*super().notes(memory), *memory.said)
 
     def _meet(
-        self, met: Met | None, own: list[Contact], part: str, elapsed: float, perception: Perception,
+        self, met: Partner | None, own: list[Contact], part: str, elapsed: float, perception: Perception,
         body: GenericBody,
-    ) -> Met | None:  # fmt: skip
+    ) -> Partner | None:  # fmt: skip
         """What is known of whom the arm meets, after this instant."""
         now = perception.stamp
         if not own:
@@ -181,7 +181,7 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
         pushes = np.array([body.jacobian(perception, one).T @ one.n_T for one in own])
         rate = float(force @ pushes @ body.rate(perception, part)) / float(force.sum())
         if met is None or now - met.felt > LEARNT:
-            met = Met(0.0, now, np.inf, -1, 0.0, ())
+            met = Partner(0.0, now, np.inf, -1, 0.0, ())
         way, frames = met.way + rate * elapsed, met.frames
         if now - met.felt > WINDOW:
             frames = ()
@@ -202,10 +202,10 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
             stiffness *= 0.8
         if not told.any() and met.stiffness == 0.0:
             stiffness = STIFF
-        return Met(float(np.clip(stiffness, SOFT, STIFF)), now, over, sequence, way, frames)
+        return Partner(float(np.clip(stiffness, SOFT, STIFF)), now, over, sequence, way, frames)
 
     def _move(
-        self, part: str, target: GenericCommand, own: list[Contact], met: Met | None, perception: Perception,
+        self, part: str, target: GenericCommand, own: list[Contact], met: Partner | None, perception: Perception,
         body: GenericBody,
     ) -> tuple[Order, ...]:  # fmt: skip
         """Towards the target as far as the cap permits, or away."""

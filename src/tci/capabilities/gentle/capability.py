@@ -205,8 +205,8 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
         return Partner(float(np.clip(stiffness, SOFT, STIFF)), now, over, sequence, way, frames)
 
     def _move(
-        self, part: str, target: GenericCommand, own: list[Contact], met: Partner | None, perception: Perception,
-        body: GenericBody,
+        self, part: str, target: GenericCommand, own: list[Contact], met: Partner | None,
+        perception: Perception, body: GenericBody,
     ) -> tuple[Order, ...]:  # fmt: skip
         """Towards the target as far as the cap permits, or away."""
         known = met is not None and perception.stamp - met.felt < LEARNT

@@ -118,6 +118,12 @@ def test_the_robots_own_skin_and_links_without_meshes() -> None:
     assert "has no mesh to compare with" in text
 
 
+@pytest.mark.parametrize("name", ["alex", "icub-hands", "g1-inspire"])
+def test_what_check_calls_valid_is_not_called_wrong(name: str) -> None:
+    """Assumed sleeves are judged as `tci check` does, and pads on a palm of boxes not by the wrist's mesh."""
+    assert "wrong" not in {row["verdict"] for row in check_skins(load_robot(name))}
+
+
 def test_half_a_question_is_refused(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["skin", "check", "icub", "--link", "chest"])
     assert result.exit_code == 1

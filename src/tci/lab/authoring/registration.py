@@ -107,7 +107,8 @@ def _compiled(file: Model) -> mujoco.MjModel:
 @lru_cache(maxsize=8)
 def link_surface(robot: Robot, *links: str, frame: str | None = None) -> LinkSurface:
     """Returns the surface of several links together in the initial posture, in the frame of the link `frame`
-    or else of the first. Raises DescriptionError if the robot has no model or the links no mesh."""
+    or else of the first. Raises DescriptionError if the robot has no model, if the links have no mesh, or if
+    one has other shapes only: a pad on a palm that is a box is not measured against the wrist's mesh."""
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, "no <model>: a surface needs a URDF or MJCF file")])
     model = _compiled(robot.model)
@@ -122,9 +123,12 @@ def link_surface(robot: Robot, *links: str, frame: str | None = None) -> LinkSur
         for geom in range(model.ngeom)
         if names[model.geom_bodyid[geom]] in links and model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH
     ]
-    if not meshes:
+    shapes = [(names[model.geom_bodyid[geom]], model.geom_type[geom]) for geom in range(model.ngeom)]
+    meshed = {link for link, kind in shapes if kind == mujoco.mjtGeom.mjGEOM_MESH}
+    if not meshes or any(link in links and link not in meshed for link, _ in shapes):
         fault = (
-            f"link {' '.join(links)!r} has no mesh to compare with; valid: a link of the model that has one"
+            f"link {' '.join(links)!r} has no mesh to compare with, or shapes beside it that are no meshes; "
+            "valid: a link of the model that has one"
         )
         raise DescriptionError(robot.model.path, [Fault(0, fault)])
     corners = np.concatenate(meshes)

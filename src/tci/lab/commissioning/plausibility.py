@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from tci.errors import TciError
+from tci.lab.authoring.check_skin import AWAY, QUARTER
 from tci.lab.authoring.link_points import LinkPoints
 from tci.lab.authoring.proposed_parts import HAND, LEG
 from tci.lab.commissioning.both_sides import UNEVEN, joint_pairs, pairs, posture_doubts
@@ -39,10 +40,6 @@ any relevant error."""
 WIDER = 1.25
 """Largest ratio between the sizes of a left patch and the corresponding right patch. Assumed: the sizes of
 real patches differ by a few percent."""
-SHARE, AWAY = 0.25, 0.03
-"""At least the fraction SHARE of a patch's taxels must be at most AWAY [m] from the surface of the patch's
-link or of an adjacent link. Assumed: models lack covers (soles of NAO: 21 mm) and pieces of forearms (alex:
-27 mm)."""
 PRESSURE = (3e3, 1e7)
 """Least and largest plausible pressure [Pa] at the end of a sensor's range. Assumed: a light touch is 3 kPa,
 and 10 MPa destroys a skin. A count of a sensor with more than two values must be less than a light touch."""
@@ -274,7 +271,7 @@ def _distances(robot: Robot, chain: KinematicChain, *, without: set[str]) -> Ite
         shapes = points.around(surface.link)
         if any(patch.name in words.split() for words in without) or not len(shapes):
             continue
-        away = float(np.quantile(KDTree(shapes).query(surface.positions)[0], SHARE))
+        away = float(np.quantile(KDTree(shapes).query(surface.positions)[0], QUARTER))
         if away > AWAY:
             yield (
                 f"{patch.name}: the nearest quarter of its taxels is up to {1e3 * away:.0f} mm from the "

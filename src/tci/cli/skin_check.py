@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich import box
@@ -12,6 +12,9 @@ from rich.table import Table
 from tci.cli.console import console, print_json, told_here
 from tci.cli.options import AsJson, RobotName
 from tci.errors import DescriptionError, Fault
+
+if TYPE_CHECKING:
+    from tci.robot.description import Robot
 
 
 def check(
@@ -32,14 +35,11 @@ def check(
     from rich.progress import Progress
 
     from tci.lab.authoring.check_skin import check_skins
-    from tci.lab.experiments.verdict import judge
     from tci.robot.catalogue import load_robot
 
     words = load_robot(robot)
-    with told_here():
-        faults = judge(words).faults if file is None else ()
-    if faults:
-        raise DescriptionError(words.source, [Fault(0, fault) for fault in faults])
+    if file is None:
+        _refuse_if_useless(words)
     with Progress(console=console, transient=True, disable=as_json or not console.is_terminal) as bar:
         task = bar.add_task("")
         rows = check_skins(
@@ -54,6 +54,16 @@ def check(
             _advise(row)
     if any(row["verdict"] == "wrong" for row in rows):
         raise typer.Exit(1)
+
+
+def _refuse_if_useless(robot: Robot) -> None:
+    """Raises DescriptionError if tci check would refuse the robot."""
+    from tci.lab.experiments.verdict import judge  # a skin file alone needs no simulation
+
+    with told_here():
+        faults = judge(robot).faults
+    if faults:
+        raise DescriptionError(robot.source, [Fault(0, fault) for fault in faults])
 
 
 def _table(robot: str, rows: list[dict[str, Any]]) -> Table:

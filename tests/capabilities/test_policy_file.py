@@ -60,6 +60,18 @@ def test_it_leaves_touches_and_rests_before(robot: str) -> None:
     assert gone == 3
 
 
+def test_an_arm_that_nobody_touches_stays() -> None:
+    """One that saw its own offset drifted by 16 degrees in 5 s."""
+    driver = tci.connect("icub")
+    home, moved = driver.read().joints.position, list[float]()
+
+    def see(tick: tci.Tick) -> None:
+        moved.append(float(np.abs(tick.reading.joints.position - home).max()))
+
+    tci.run(driver, tci.PolicyCapability(WITHDRAW), duration=5.0, observe=see)
+    assert np.rad2deg(max(moved)) < 2.0
+
+
 def test_the_command_needs_the_file_alone() -> None:
     said = json.loads(command("run", str(WITHDRAW), "icub", "--poke", "--duration", "0.6", "--json"))
     assert said["touched_N"]
@@ -69,9 +81,9 @@ def test_the_command_needs_the_file_alone() -> None:
 
 def test_what_stands_in_the_file_is_what_was_written(tmp_path: Path) -> None:
     policy, spec = read_policy(WITHDRAW)
-    assert (spec.rate, spec.history, spec.observations) == (25.0, 8, ("offset", "contacts"))
-    assert len(spec.scale) == 33
-    seen = np.linspace(-1.0, 1.0, 8 * 33)
+    assert (spec.rate, spec.history, spec.observations) == (20.0, 30, ("contacts",))
+    assert len(spec.scale) == 28
+    seen = np.linspace(-1.0, 1.0, 30 * 28)
     again = pickle.loads(pickle.dumps(policy))
     np.testing.assert_array_equal(policy(seen), again(seen))
     bare = WITHDRAW.read_bytes().replace(b"tci.policy", b"no.policy!")

@@ -14,14 +14,31 @@ from tci.capabilities import default_fields
 from tci.messages import Contacts
 from tci.testing import TouchedRobot
 
+REFUSED = {"nao": 0.05, "talos": 0.05}
+"""Fraction of touches that may be refused, 2 % on the other robots: at full size it is 4.6 % on NAO's upper
+arm and 2.9 % on Talos' forearm."""
+
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_every_place_is_answered_alike(name: str) -> None:
-    rows = judged(name, count=4, stride=29, forces=(1.0, 5.0))
+    rows = judged(name, count=20, stride=251 if name in ("talos", "alex") else 97, forces=(1.0, 5.0))
     print(*rows, sep="\n")
     assert not [fault for row in rows for fault in row.faults if "refused" not in fault]
-    # So few touches can't tell 2 %; the full size does.
-    assert all(row.share <= 0.05 for row in rows)
+    assert all(row.share <= REFUSED.get(name, 0.02) for row in rows)
+
+
+def test_a_light_touch_near_the_shoulder_is_answered_by_a_larger_motion() -> None:
+    """Where the motion for its force would take the place less than a millimetre away."""
+    posture = np.deg2rad([92.0, 47.0, 35.0, 87.0, -71.0])
+    touched, reflex, gains = TouchedRobot("nao", posture={"left_arm": posture}), tci.WithdrawalReflex(), []
+    for taxel in range(20):
+        seen = touched.perceive("left_upper_arm", taxel=taxel, force=0.6)
+        answer = reflex.answer(seen.contacts[0], seen.posture)
+        _, memory = reflex.step(reflex.init(touched.body), seen, touched.body)
+        gains += [(memory["left_arm"].gain, answer.gain) for _ in memory if answer is not None]
+    farther = [gain - asked for gain, asked in gains if gain > asked + 1e-9]
+    assert len(farther) >= 2
+    assert max(farther) <= 0.35 + 1e-9
 
 
 @pytest.mark.parametrize("response", ["meant", "printed"])

@@ -32,7 +32,7 @@ def test_a_light_touch_near_the_shoulder_is_answered_by_a_larger_motion() -> Non
     posture = np.deg2rad([92.0, 47.0, 35.0, 87.0, -71.0])
     touched, reflex, gains = TouchedRobot("nao", posture={"left_arm": posture}), tci.WithdrawalReflex(), []
     for taxel in range(20):
-        seen = touched.perceive("left_upper_arm", taxel=taxel, force=0.6)
+        seen = touched.perceive("left_upper_arm", taxel=taxel, force=1.0)
         answer = reflex.answer(seen.contacts[0], seen.posture)
         _, memory = reflex.step(reflex.init(touched.body), seen, touched.body)
         gains += [(memory["left_arm"].gain, answer.gain) for _ in memory if answer is not None]

@@ -35,6 +35,8 @@ then missed."""
 ENOUGH = 1.3
 """How much farther than `LEAST` a light touch's motion goes at its end, by the speed of a straight way: the
 way is bent. Assumed."""
+FIRM = 0.4
+"""Least gain of a touch that is answered by more: of lighter ones the arm may wait for the rest of a poke."""
 FARTHER = 0.35
 """By how much such a gain is larger at most: with more, the answers to places 13 mm apart differ by 6 degrees
 in a joint of NAO's upper arm."""
@@ -201,7 +203,7 @@ class _Touched(NamedTuple, Generic[F]):
     def _farther(self, origin: Array, wish: Wish[F], answers: Sequence[int]) -> Withdrawal[F] | None:
         """The withdrawal for a touch so light that its gain would not take the place `LEAST` away: with the
         gain that does, which is the same where the two meet. None if this is no better."""
-        if wish.gain >= 1.0 or not any(wish.field.motion):
+        if not FIRM <= wish.gain < 1.0 or not any(wish.field.motion):
             return None
         end = np.array([target_of(origin, 1.0, wish.field)])
         away = self.body.retreat_at_ends(self.perception, self.part, end)[0, 0, answers].max()

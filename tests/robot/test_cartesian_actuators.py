@@ -79,3 +79,19 @@ def test_a_written_description_has_what_is_not_usual(tmp_path: Path) -> None:
     assert text.count("<cartesian_actuator") == 1
     (tmp_path / "robot.xml").write_text(text, encoding="utf-8")
     assert read_robot(tmp_path / "robot.xml").part("left_arm").cartesian == robot.part("left_arm").cartesian
+
+
+def test_eyes_are_read_and_written_and_belong_to_a_head(tmp_path: Path) -> None:
+    robot = load_robot("nao")
+    eyes = robot.part("head").eyes
+    assert eyes is not None
+    assert (eyes.link, eyes.xyz) == ("Head", (0.05871, 0.0, 0.06364))
+    assert '<eyes link="Head" xyz="0.05871 0 0.06364"/>' in write_robot(robot, file="nao.mjcf.xml")
+    path = nao_with(tmp_path, PALM)
+    text = path.read_text(encoding="utf-8").replace(f"<cartesian_actuator {PALM}/>", '<eyes link="Hed"/>')
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(DescriptionError) as caught:
+        read_robot(path)
+    words = [fault.message for fault in caught.value.faults]
+    assert any("'left_arm' has eyes and is no head" in one for one in words)
+    assert any("the model has no link 'Hed'" in one for one in words)

@@ -24,7 +24,7 @@ def test_without_servos_a_blow_is_that_of_the_mass() -> None:
 
 def test_a_chest_in_the_way_of_a_talos_is_spared() -> None:
     robot, fast = tci.load_robot("talos"), WithdrawalReflex(people=())
-    trial = draw(robot, 49, fast, full=True)
+    trial = draw(robot, 22, fast, full=True)
     assert trial is not None
     before, told = strike(robot, trial, fast), []
     hit = before.hit

@@ -32,6 +32,7 @@ from gentles import gentles
 from healthy import healthy
 from kills import yarp_kills
 from modes import modes
+from moved_arm import moved_arm
 from mutation import branches, mutation
 from non_finite import non_finite
 from pool import COMMITS
@@ -50,7 +51,7 @@ ROWS: dict[str, Callable[[bool], Row]] = {
     one.__name__: one
     for one in (
         limits, modes, healthy, squeezed, bystander, attends, gentles, bodies,
-        moves_away, whole_arm, non_finite, heartbeat, one_kilohertz, loop,
+        moves_away, whole_arm, moved_arm, non_finite, heartbeat, one_kilohertz, loop,
         false_reflexes, descriptions, guided, heartbeats, wires, dropped, killed, minute, yarp_skin,
         yarp_kills, mutation, branches, exposure, felt_places, felt_nothing, felt_reflex,
         unitree_kills, unitree_messages, unitree_hostile, unitree_faults, unitree_motion,

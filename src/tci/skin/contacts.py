@@ -200,9 +200,9 @@ def describe_touches(
     """
     count = len(touches)
     patches, taxels, forces = zip(*touches, strict=True)
-    none = np.zeros(0, np.int32)
+    none, whole = np.zeros(0, np.int32), np.zeros(len(layout.arrays.taxels))
     clusters = Clusters(
-        force=np.zeros(0), label=none, queue=none,
+        force=np.zeros_like(whole), label=none, queue=none,
         counts=np.bincount(patches, minlength=len(layout.sites)).astype(np.int64),
         bound=np.arange(count + 1, dtype=np.int32),
         member=(layout.starts[list(patches)] + taxels).astype(np.int32),
@@ -210,7 +210,6 @@ def describe_touches(
     )  # fmt: skip
     made = ContactArrays.empty(count, count)
     angles = _limb_angles(layout.parts, posture)
-    whole = np.zeros(len(layout.arrays.taxels))
     describe(layout.arrays, whole, clusters, poses, angles, room_for(count, SUMMARY), made)
     return made
 

@@ -23,6 +23,8 @@ from tci.robot.description import Robot
 from tci.robot.dynamics import Dynamics
 from tci.robot.gravity import STANDARD_GRAVITY
 from tci.robot.joint_map import initial_position
+from tci.skin import contacts as skin_contacts
+from tci.skin.kernels.arrays import Clusters
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +62,28 @@ def test_an_arm_that_withdraws_from_a_poke_is_not_felt_to_be_touched_by_its_own_
     assert real.max() > 10.0
     assert felt.max() == pytest.approx(real.max(), rel=0.25)
     assert not felt[lost + 25 :].any()  # 50 ms later
+
+
+def test_the_loop_that_describes_touches_has_room_for_every_taxel(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is called without numba's checks, so without this room it writes into memory that is not its own."""
+    rooms: list[tuple[int, int]] = []
+    describe = skin_contacts.describe
+
+    def see(*arguments: object) -> None:
+        (clusters,) = (one for one in arguments if isinstance(one, Clusters))
+        rooms.append((len(clusters.force), int(clusters.member.max())))
+        describe(*arguments)
+
+    body = bare_body()
+    position, last = initial_position(body.robot), len(body.layout.sites) - 1
+    posture = body.posture(JointReading(0.0, 0, position, np.zeros(len(position))))
+    poses = body.skin.kinematics.pose_array(position, body.layout.links)
+    taxel = len(body.skin.surfaces[body.robot.patches[last].name].positions) - 1
+    monkeypatch.setattr(skin_contacts, "describe", see)
+    made = skin_contacts.describe_touches(body.layout, [(last, taxel, 10.0)], poses, posture)
+    assert made.rows["peak"].tolist() == [10.0]
+    ((room, highest),) = rooms
+    assert room > highest
 
 
 def in_motion(robot_body: GenericBody, push: Push, until: float, seed: int = 4) -> list[Perception]:

@@ -42,6 +42,9 @@ def test_what_can_not_be_done_is_told() -> None:
     beside = ("run", "withdrawal", "nao", "--touch", "press 'left upper arm inside' 3N 0.3s")
     last = tci(*beside, "--duration", "0.5", status=1).replace("\n", " ")[-120:]
     assert last.rstrip().endswith("inside Torso"), last
+    late = "run", "withdrawal", "nao", "--touch", "poke 'left forearm' @5s", "--duration", "0.1"
+    told = tci(*late, status=1).replace("\n", " ")
+    assert "did not touch at 5.000 s: the run ended before; valid: --duration 7" in told, told
 
 
 def test_kinds_and_places_are_listed() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,10 +61,14 @@ class Asked:
         tell_rows(self.robot, self.rows())
 
     def missed(self, driver: Driver) -> list[str]:
-        """Touches for which a hand found no room, with the reason."""
+        """Touches for which a hand found no room or the run was too short, with the reason."""
         assert isinstance(driver, SimulatedDriver)
         hands = [hand for person in driver.world.people for hand in person.hands]
-        return [f"{time:.3f} s: {reason}" for hand in hands for time, reason in hand.missed]
+        late = sorted({one.onset for one in self.planned if one.onset >= driver.world.time})
+        short = f"the run ended before; valid: --duration {ceil(self.end)} or more, or none"
+        return [f"{onset:.3f} s: {short}" for onset in late] + [
+            f"{time:.3f} s: {reason}" for hand in hands for time, reason in hand.missed
+        ]
 
     def to_json(self, driver: Driver) -> dict[str, Any]:
         return {"touches": self.rows(), "missed_touches": self.missed(driver)}

@@ -107,8 +107,8 @@ def find_spot(body: GenericBody, words: str, joints: JointReading | None = None)
     theta = None if angle is None else radians(float(angle))
     along = None if last is None else (float(first), float(last))
     u = float(first) if along is None and first is not None else None if along is None else sum(along) / 2.0
-    if u is not None and max(u, *(along or (0.0,))) > 1.0:
-        raise TciError(f"place {words!r}: {u:g} along the limb; valid: 0 to 1")
+    if u is not None and (beyond := max(u, *(along or (0.0,)))) > 1.0:
+        raise TciError(f"place {words!r}: {beyond:g} along the limb; valid: 0 to 1")
     spot = _patch_spot(body, name, u) or _word_spot(body, name, theta, u, joints)
     return Spot(spot.place, spot.part, spot.segment, along)
 

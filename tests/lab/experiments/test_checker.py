@@ -70,6 +70,7 @@ def test_the_physics_is_watched_too() -> None:
     out[1, 3], fast[2, 4] = 2.1, -3.5
     assert any("joint3" in fault for fault in physics_violations(robot, out, still))
     assert any("joint4" in fault for fault in physics_violations(robot, still, fast))
+    assert physics_violations(robot, out, fast, servos=[0]) == []
     assert physics_violations(robot, np.full((1, 6), np.nan), still[:1])
 
 

@@ -5,7 +5,7 @@ The check does not use any code of the gate. The limits are read directly from t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -111,13 +111,18 @@ def stray_servos(robot: Robot, part: str, sent: Sequence[SafeCommand]) -> list[s
     ]
 
 
-def physics_violations(robot: Robot, positions: Array, velocities: Array) -> list[str]:
+def physics_violations(
+    robot: Robot, positions: Array, velocities: Array, *, servos: Collection[int] | None = None
+) -> list[str]:
     """Returns one sentence for each limit that a simulated joint violates.
 
-    `positions` [rad] and `velocities` [rad/s] have the shape (samples, n_servos).
+    `positions` [rad] and `velocities` [rad/s] have the shape (samples, n_servos). Only the joints of `servos`
+    are looked at, by default all.
     """
     faults = []
     for servo in robot.servos:
+        if servos is not None and servo.index not in servos:
+            continue
         limits = servo.limits
         angles, speeds = positions[:, servo.index], np.abs(velocities[:, servo.index])
         if limits.lower is not None and limits.upper is not None:

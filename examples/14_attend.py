@@ -1,6 +1,7 @@
 """Withdraw first, then look: a reflex above attention to touch, on a robot with a neck and on one without."""
 
 import tci
+from tci.capabilities import ArbiterMemory
 
 
 def touch(name: str) -> None:
@@ -8,7 +9,7 @@ def touch(name: str) -> None:
     both = tci.Arbiter([tci.WithdrawalReflex(), attend])
     said: list[str] = []
 
-    def listen(memory: tci.capabilities.ArbiterMemory) -> bool:
+    def listen(memory: ArbiterMemory) -> bool:
         said.extend(note for note in attend.notes(memory.layers[-1].memory) if note not in said)
         return False
 

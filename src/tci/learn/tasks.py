@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -124,5 +126,5 @@ HOLD = TouchTask(
 """A finger presses with 7 to 12 N; keep the touch at the asked force of 2 to 5 N by yielding. The goal is the
 force [N]."""
 
-TASKS = {"withdrawal": WITHDRAWAL, "hold": HOLD}
+TASKS: Mapping[str, TouchTask] = MappingProxyType({"withdrawal": WITHDRAWAL, "hold": HOLD})
 """The ready tasks, by the name that `TouchEnv` takes."""

@@ -187,7 +187,8 @@ def run_capability(
         if not as_json:
             console.print(f"film {film}: {pictures} pictures", highlight=False, markup=False)
     if as_json:
-        print_json(session.to_json() | ({} if asked is None else asked.to_json(driver)))
+        touched = {} if asked is None else {"touches": asked.rows(), "missed_touches": asked.not_done(driver)}
+        print_json(session.to_json() | touched)
     else:
         conclude(session, filmed=filmed is not None)
         result = session.result
@@ -200,7 +201,7 @@ def run_capability(
             )
     if isinstance(session.error, SystemExit | KeyboardInterrupt):
         raise SystemExit(session.error.code if isinstance(session.error, SystemExit) else 130)
-    missed = () if asked is None else asked.missed(driver)
+    missed = () if asked is None else asked.not_done(driver)
     for words in () if as_json else missed:
         console.print(f"a hand did not touch at {words}", style="yellow", highlight=False, markup=False)
     if session.failed or missed:

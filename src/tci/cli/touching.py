@@ -61,14 +61,18 @@ class Asked:
         tell_rows(self.robot, self.rows())
 
     def missed(self, driver: Driver) -> list[str]:
-        """Touches for which a hand found no room or the run was too short, with the reason."""
+        """Touches for which a hand found no room, with the reason."""
         assert isinstance(driver, SimulatedDriver)
         hands = [hand for person in driver.world.people for hand in person.hands]
+        return [f"{time:.3f} s: {reason}" for hand in hands for time, reason in hand.missed]
+
+    def not_done(self, driver: Driver) -> list[str]:
+        """What a run that began with these touches left out, with the reason: touches after its end, and
+        those of `missed`."""
+        assert isinstance(driver, SimulatedDriver)
         late = sorted({one.onset for one in self.planned if one.onset >= driver.world.time})
         short = f"the run ended before; valid: --duration {ceil(self.end)} or more, or none"
-        return [f"{onset:.3f} s: {short}" for onset in late] + [
-            f"{time:.3f} s: {reason}" for hand in hands for time, reason in hand.missed
-        ]
+        return [f"{onset:.3f} s: {short}" for onset in late] + self.missed(driver)
 
     def to_json(self, driver: Driver) -> dict[str, Any]:
         return {"touches": self.rows(), "missed_touches": self.missed(driver)}

@@ -154,3 +154,16 @@ def test_a_wrong_path_or_hand_says_what_is_valid(nao: World) -> None:
         nao.person().left.touch(HandPath(**{**one, "link": "Wing"}))  # type: ignore[arg-type]
     with pytest.raises(CommandError, match="people=1"):
         tci.World("nao", skin=False).person()
+
+
+@pytest.mark.parametrize(
+    ("name", "poke"), [("nao", "poke 'left forearm' 4N"), ("icub", "stroke 'left forearm' 3N")]
+)
+def test_it_lets_an_arm_go_that_jerks_away(name: str, poke: str) -> None:
+    """It chased the arm with up to 1 m/s, and struck it with 20 N where it had come to rest."""
+    with tci.connect(name, "sim", people=1) as driver:
+        driver.world.touch(poke)
+        result = tci.run(driver, tci.WithdrawalReflex(), duration=2.5)
+        peak = driver.world.person().right.trace[:, 2].max()
+    assert result.moved
+    assert 1.0 < peak < 15.0

@@ -83,6 +83,9 @@ HANDS = returns(
 """Numba types of the hands: their states, plans, memories (hands, `RING`) and records (hands, `TRACE`), and
 MuJoCo's `xpos`, `xquat`, `body_pos`, `body_quat`, `qpos` and `qvel`."""
 Arrays = tuple[Any, ...]
+FOLLOWS = 0.25
+"""Speed [m/s] with which a hand follows the body at most: whoever touches an arm that jerks away is startled
+and lets it go. Assumed; slower motion, up to 0.2 m/s at least, is followed with the asked force."""
 EASY = 8.0
 """Force [N] above the asked one, up to which the arm pulls the hand to its place and speed, on all axes.
 Beyond it the arm gives way. Assumed: people who touch do not push through; a firm hand would need 50 N."""
@@ -125,9 +128,17 @@ def _cross(a: tuple[float, float, float], b: tuple[float, float, float]) -> tupl
 
 
 @inlined
-def _see(number: int, step: float, hand: Any, own: Any) -> None:
+def _normalize(q: Array) -> None:
+    size = (q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2) ** 0.5
+    for i in range(4):
+        q[i] /= size
+
+
+@inlined
+def _see(number: int, step: float, base: Array, hand: Any, own: Any) -> None:
     """Moves the pose that a hand follows to where the person expects the link: the screw motion that was seen
-    goes on, and what was expected wrongly is corrected at the filter's pace."""
+    goes on, and what was expected wrongly is corrected at the filter's pace. The hand at `base` (3,) [m] in
+    this pose is no faster than `FOLLOWS`."""
     window = max(1, round(WINDOW / step))
     seen = own[(number - hand.delay) % RING]
     older = own[(number - hand.delay - window) % RING]
@@ -146,6 +157,8 @@ def _see(number: int, step: float, hand: Any, own: Any) -> None:
         hand.drift[i] += share * ((p[i] - before[i]) / passed - u[i] - hand.drift[i])
     w = hand.spin[0], hand.spin[1], hand.spin[2]
     u = _cross(w, (hand.place[0], hand.place[1], hand.place[2]))
+    x, y, z = hand.place[0], hand.place[1], hand.place[2]
+    t = hand.turn[0], hand.turn[1], hand.turn[2], hand.turn[3]
     for i in range(3):
         hand.place[i] += step * (u[i] + hand.drift[i])
     q = _spun(hand.turn, step * w[0], step * w[1], step * w[2])
@@ -158,12 +171,24 @@ def _see(number: int, step: float, hand: Any, own: Any) -> None:
     for i in range(3):
         expected = p[i] + delay * (v[i] + delay / 2.0 * (a[i] + delay / 3.0 * j[i]))
         hand.place[i] += share * (expected - hand.place[i])
-    square = 0.0
     for i in range(4):
         hand.turn[i] = q[i] + share * (e[i] - q[i])
-        square += hand.turn[i] ** 2
-    for i in range(4):
-        hand.turn[i] /= square**0.5
+    _normalize(hand.turn)
+    from_ = _turned(t, base[0], base[1], base[2])
+    to = _turned((hand.turn[0], hand.turn[1], hand.turn[2], hand.turn[3]), base[0], base[1], base[2])
+    way = (
+        (to[0] - from_[0] + hand.place[0] - x) ** 2
+        + (to[1] - from_[1] + hand.place[1] - y) ** 2
+        + (to[2] - from_[2] + hand.place[2] - z) ** 2
+    ) ** 0.5
+    if way > FOLLOWS * step:
+        part = FOLLOWS * step / way
+        hand.place[0] = x + part * (hand.place[0] - x)
+        hand.place[1] = y + part * (hand.place[1] - y)
+        hand.place[2] = z + part * (hand.place[2] - z)
+        for i in range(4):
+            hand.turn[i] = t[i] + part * (hand.turn[i] - t[i])
+        _normalize(hand.turn)
 
 
 @inlined
@@ -202,7 +227,7 @@ def guide(number: int, step: float, ctrl: Array, hands: Arrays) -> None:
             hand.force = 0.0
             continue
         row, own = plans[hand.first + at], memories[number_of]
-        _see(number, step, hand, own)
+        _see(number, step, row.base, hand, own)
         trim = _correct(number, step, row.asked, hand, own)
         turn = (hand.turn[0], hand.turn[1], hand.turn[2], hand.turn[3])
         bx, by, bz = _turned(turn, row.base[0], row.base[1], row.base[2])

@@ -434,7 +434,8 @@ class Gate:
     def _check_contact(self, command: PlatformOrder) -> None:
         if self._contact is None or self._blocked.isdisjoint(np.ravel(command.servos).tolist()):
             return
-        parts = ", ".join(self._contact.touched) or self.robot.servos[int(command.servos[0])].robot_part
+        blocked = next(servo for servo in np.ravel(command.servos).tolist() if servo in self._blocked)
+        parts = ", ".join(self._contact.touched) or self.robot.servos[blocked].robot_part
         raise CommandError(
             f"{parts} met something; valid: commands half a second after the contact", code=Code.CONTACT
         )

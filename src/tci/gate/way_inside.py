@@ -51,7 +51,9 @@ def creeping(speed: Array, *, straight: bool) -> Array:
 def start_of(measured: Array, bounds: Bounds) -> Array:
     """First references (n,) [rad] of servos that are found at `measured` (n,) [rad] angles."""
     at_limit = np.clip(measured, bounds.lower, bounds.upper)
-    start: Array = np.where(np.abs(measured - at_limit) <= AT_LIMIT, at_limit, measured)
+    beyond = np.abs(measured - at_limit)
+    # a rounding error is left: taking it away would add to a jerk that is at its limit
+    start: Array = np.where((beyond > STILL) & (beyond <= AT_LIMIT), at_limit, measured)
     return start
 
 

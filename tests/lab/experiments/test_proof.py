@@ -141,7 +141,7 @@ def test_every_patch_is_poked_and_a_motion_towards_the_finger_is_found_out(
         field.model_copy(update={"motion_deg": {"flexion": 25.0}}) if field.name == "palm" else field
         for field in right.fields.field
     ]
-    wrong = BodyWithdrawal(fields=right.fields.model_copy(update={"field": tuple(fields)}))
+    wrong = BodyWithdrawal(fields=right.fields.model_copy(update={"field": tuple(fields)}), response="meant")
     (away,) = patch_trials_of(robot, WithdrawalReflex(), right)
     assert away.answered
     assert not away.fault

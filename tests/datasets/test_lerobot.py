@@ -114,6 +114,34 @@ def test_recordings_that_make_no_set(recordings: Path, tmp_path: Path) -> None:
         read_lerobot(tmp_path)
 
 
+def test_a_set_that_lerobot_wrote_is_read() -> None:
+    """LeRobot 0.6.1 wrote this set (`create`, `add_frame`, `finalize`), with at most 1 kB per file.
+
+    Row i of episode e counts k = 10 e + i.
+    """
+    data = read_lerobot(Path(__file__).parent / "lerobot_0.6.1")
+    assert (data.fps, data.robot_type, data.tasks) == (10, "arm", ("push", "pull"))
+    assert data.left_out == ("note: string is not read", "observation.images.front: image is not read")
+    assert data.features["observation.state"].names == ("shoulder", "elbow")
+    assert data.features["observation.force"].names is None  # genuine names are those of the two axes
+    assert len({path for path, _, _ in data.places}) == 2
+    for episode, rows in enumerate((3, 4)):
+        k = 10 * episode + np.arange(rows)
+        expected = {
+            "observation.state": np.column_stack([k / 7, -k]).astype(np.float32),
+            "observation.force": (k[:, None] + np.arange(6)).astype(np.float32),
+            "observation.raw": np.column_stack([k, 255 - k, np.full(rows, 7)]).astype(np.uint8),
+            "next.done": np.arange(rows)[:, None] == rows - 1,
+            "task_index": np.full((rows, 1), episode),
+        }
+        columns = data.episode(episode)
+        for name, values in expected.items():
+            assert columns[name].dtype == values.dtype, name
+            assert np.array_equal(columns[name], values), name
+    with pytest.raises(RecordingError, match="no raw skin frames"):
+        next(data.frames(0))
+
+
 def test_statistics_of_blocks_are_those_of_the_whole() -> None:
     rng = np.random.default_rng(0)
     rows = 1.7e18 + rng.normal(scale=1e9, size=(5 * KEPT, 2))  # times in nanoseconds

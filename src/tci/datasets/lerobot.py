@@ -45,6 +45,15 @@ OWN = {
     "task_index": "int64",
 }
 """Columns that LeRobot itself needs."""
+PLACE = (
+    "episode_index",
+    "tasks",
+    "data/chunk_index",
+    "data/file_index",
+    "dataset_from_index",
+    "dataset_to_index",
+)
+"""Columns of an episode's row that are read. The others are statistics, hundreds of times as large."""
 
 
 def write_lerobot(data: DataSet, out: Path, *, licence: str = "other") -> None:
@@ -316,7 +325,8 @@ def read_lerobot(folder: Path) -> LeRobotSet:
         if not str(version).startswith("v3"):
             raise RecordingError(f"{folder} is of LeRobot's format {version}; valid: {VERSION}")
         tables = [
-            parquet.read_table(path).to_pylist() for path in sorted(folder.glob("meta/episodes/*/*.parquet"))
+            parquet.read_table(path, columns=list(PLACE)).to_pylist()
+            for path in sorted(folder.glob("meta/episodes/*/*.parquet"))
         ]
         rows = sorted((row for table in tables for row in table), key=lambda row: row["episode_index"])
         features, left_out = {}, []
@@ -325,9 +335,10 @@ def read_lerobot(folder: Path) -> LeRobotSet:
             if one["dtype"] in ("video", "image", "string"):
                 left_out.append(f"{name}: {one['dtype']} is not read")
             else:
-                names = one.get("names")
-                flat = tuple(names) if isinstance(names, list) else None
-                features[name] = Feature(one["dtype"], int(np.prod(shape)), flat, one.get("info") or {})
+                size = int(np.prod(shape))
+                features[name] = Feature(
+                    one["dtype"], size, _names(one.get("names"), size), one.get("info") or {}
+                )
         places = tuple(
             (
                 folder / info["data_path"].format(
@@ -345,6 +356,16 @@ def read_lerobot(folder: Path) -> LeRobotSet:
         )  # fmt: skip
     except (OSError, ValueError, KeyError, TypeError, AttributeError, pa.ArrowException) as error:
         raise RecordingError(f"{folder} is no data set of LeRobot {VERSION}: {error!r}") from error
+
+
+def _names(found: Any, size: int) -> tuple[str, ...] | None:
+    """Names of the values. Many sets have them in groups ({"motors": [...]}); those of a matrix name its axes
+    instead, and are dropped."""
+    groups = list(found.values()) if isinstance(found, dict) else [found]
+    if not all(isinstance(group, list) for group in groups):
+        return None
+    flat = tuple(name for group in groups for name in group)
+    return flat if len(flat) == size else None
 
 
 def _at(pattern: str, number: int) -> str:

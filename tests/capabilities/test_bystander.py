@@ -8,7 +8,7 @@ import pytest
 import tci
 from helpers.struck import draw, strike
 from tci.capabilities import WithdrawalReflex
-from tci.robot.blow import Striker, Struck, striker
+from tci.robot.blow import Striker, Strikers, Struck, spared
 from tci.robot.dynamics import Dynamics
 from tci.robot.joint_calibration import JointCalibration
 from tci.robot.kinematics import KinematicChain
@@ -19,7 +19,7 @@ WALL = Struck(name="wall", stiffness=25e3, mass=1e6, force=280.0)
 def test_without_servos_a_blow_is_that_of_the_mass() -> None:
     free = Striker(2.0, 0.0, 0.0, 0.0)
     assert free.force_on(WALL, 0.5) == pytest.approx(0.5 * np.sqrt(2.0 * 25e3), rel=0.02)
-    assert free.force_on(WALL, free.speed_for(WALL, 2.0)) == pytest.approx(280.0, rel=0.02)
+    assert free.force_on(WALL, 2.0 * spared([(free, 2.0)], [WALL])[0]) == pytest.approx(280.0, rel=0.02)
 
 
 def test_a_chest_in_the_way_of_a_talos_is_spared() -> None:
@@ -34,7 +34,7 @@ def test_a_chest_in_the_way_of_a_talos_is_spared() -> None:
         hit.position, np.zeros(len(hit.position))
     )
     moved = hit.normal @ KinematicChain(robot).jacobian(hit.position, hit.link, point=hit.point)[:3]
-    one, region = striker(robot, inertia, moved), trial.region
+    one, region = Strikers(robot).behind(inertia, moved), trial.region
     assert one is not None
     struck = Struck(name=region.name, stiffness=region.stiffness, mass=region.mass, force=2.0 * region.limit)
     assert one.force_on(struck, float(moved @ hit.velocity)) == pytest.approx(before.peak, rel=0.25)

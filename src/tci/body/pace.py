@@ -11,7 +11,7 @@ import numpy as np
 from tci.body.retreat import Retreat
 from tci.errors import DescriptionError
 from tci.messages.frames import Array
-from tci.robot.blow import Struck, striker
+from tci.robot.blow import Striker, Strikers, Struck, spared
 from tci.robot.description import Robot
 from tci.robot.dynamics import Dynamics
 from tci.robot.joint_calibration import JointCalibration
@@ -42,7 +42,7 @@ class Paces:
     """Predicts blows of one robot. Threads may share it."""
 
     def __init__(self, robot: Robot, retreat: Retreat) -> None:
-        self._robot, self._retreat, self._lock = robot, retreat, Lock()
+        self._retreat, self._lock, self._strikers = retreat, Lock(), Strikers(robot)
         try:
             self._dynamics: Dynamics | None = Dynamics(robot, JointCalibration(robot=robot.name))
         except DescriptionError:  # no model, or no masses
@@ -60,23 +60,19 @@ class Paces:
             return UNBOUNDED
         rates, own = np.zeros(len(position)), {*servos.tolist()}
         rates[servos] = way * most
-        share, blows = 1.0, []
+        blows: list[tuple[Striker, float]] = []
         for at in AT:
             there = position.copy()
             there[servos] += at * way
             with self._lock:
                 inertia, _ = self._dynamics.at(there, np.zeros(len(there)))
                 centres = self._dynamics.centres(own)
-            for moved in centres:
-                velocity = moved @ rates
-                speed = float(np.linalg.norm(velocity))
-                one = striker(self._robot, inertia, velocity / speed @ moved) if speed > 1e-3 else None
-                if one is None:
-                    continue
-                blows.append((one, speed))
-                for struck in people:
-                    share = min(share, one.speed_for(struck, share * speed, margin=MARGIN) / speed)
-        force = max((one.force_on(s, share * v) for one, v in blows for s in people), default=0.0)
+            velocities = centres @ rates
+            speeds = np.sqrt((velocities**2).sum(axis=1)).tolist()
+            for moved, velocity, speed in zip(centres, velocities, speeds, strict=True):
+                if speed > 1e-3 and (one := self._strikers.behind(inertia, velocity / speed @ moved)):
+                    blows.append((one, speed))
+        share, force = spared(blows, people, margin=MARGIN)
         if share >= 1.0:
             return Pace(1.0, None, MARGIN * force)
         speed = float(np.abs(target - posture).max()) * most * share

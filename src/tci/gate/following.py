@@ -8,7 +8,6 @@ should stay where it was when the group rested.
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections import deque
 
 import numpy as np
@@ -43,6 +42,55 @@ MORE, LATER = 1.25, 0.012
 later, its load is another."""
 
 
+class History:
+    """Rows with their times, oldest first, in one piece of memory: nothing is copied to look at them."""
+
+    def __init__(self, width: int) -> None:
+        self._times, self._rows = np.empty(64), np.empty((64, width))
+        self._first, self._end = 0, 0
+
+    def __len__(self) -> int:
+        return self._end - self._first
+
+    @property
+    def times(self) -> Array:
+        return self._times[self._first : self._end]
+
+    @property
+    def rows(self) -> Array:
+        return self._rows[self._first : self._end]
+
+    def append(self, time: float, row: Array) -> None:
+        if self._end == len(self._times):  # back to the begin, with as much room again
+            times, rows = self.times, self.rows
+            room = 2 * len(times)
+            if room > len(self._times):
+                self._times, self._rows = np.empty(room), np.empty((room, self._rows.shape[1]))
+            self._times[: len(times)], self._rows[: len(times)] = times, rows.copy()
+            self._first, self._end = 0, len(times)
+        self._times[self._end], self._rows[self._end] = time, row
+        self._end += 1
+
+    def forget(self, before: float = np.inf) -> None:
+        """Forgets what is older than `before` [s], all by default, but keeps the last row before it."""
+        if before == np.inf:
+            self._first = self._end
+        while len(self) > 2 and self._times[self._first + 1] < before:
+            self._first += 1
+
+    def at(self, times: Array) -> Array:
+        """Rows (k, width) at `times` (k,), between the noted ones on a line."""
+        own, rows = self.times, self.rows
+        place = np.searchsorted(own, times, side="right")
+        before, after = np.maximum(place - 1, 0), np.minimum(place, len(own) - 1)
+        found: Array = rows[before]
+        (between,) = np.nonzero((after > before) & (times > own[before]))
+        before, after = before[between], after[between]
+        share = (times[between] - own[before]) / (own[after] - own[before])
+        found[between] += share[:, None] * (rows[after] - found[between])
+        return found
+
+
 class Following:
     """Remembers references and readings of a robot's joints, and judges each new reading."""
 
@@ -61,32 +109,31 @@ class Following:
         """Where each joint pushes: 1 towards larger angles, -1 towards smaller ones."""
         self.pull = np.zeros(count)
         """Angle [rad] by which each joint is behind its reference; 0 if that is little."""
-        self._past: deque[tuple[float, Array]] = deque()
+        self._past = History(count)
         self._readings: deque[tuple[float, Array]] = deque()
         self._rests = np.full(count, np.nan)
-        self._tried = np.linspace(0.0, lag, LAGS)
+        self._tried, self._few = np.linspace(0.0, lag, LAGS), np.linspace(0.0, lag, 6)
         self._lags: deque[tuple[float, Array]] = deque()
         self._longest, self._moved = np.zeros(count), np.zeros(count)
 
     def forget(self) -> None:
         """After the clock went back: what was learned of the joints stays."""
-        self._past.clear()
+        self._past.forget()
         self._readings.clear()
         self._lags.clear()
 
     @property
     def latest(self) -> float:
         """Time [s] of the latest reference; -inf if there is none."""
-        return self._past[-1][0] if self._past else -np.inf
+        return float(self._past.times[-1]) if self._past else -np.inf
 
     def remember(self, reference: Reference, now: float) -> None:
         """Notes the references at `now` [s]."""
         whole = np.full(len(self.side), np.nan)
         stiff = [mode is not Mode.TORQUE for mode in reference.modes]
         whole[reference.servos[stiff]] = reference.position[stiff]
-        self._past.append((now, whole))
-        while len(self._past) > 2 and now - self._past[1][0] > self._lag + 2.0 * PROGRESS + 0.05:
-            self._past.popleft()
+        self._past.append(now, whole)
+        self._past.forget(now - (self._lag + 2.0 * PROGRESS + 0.05))
 
     def rest(self, servos: NDArray[np.intp], joints: JointReading) -> None:
         """Notes where servos of a resting group are."""
@@ -102,7 +149,7 @@ class Following:
         """Notes by which time each joint lags whose reference moves; nothing was in contact for `SURE`."""
         if not self._known or not (np.abs(reference.velocity) > FAST).any():
             return
-        before = self._references(joints.stamp - self._tried)
+        before = self._past.at(joints.stamp - self._tried)
         steps = before[:-1] - before[1:]
         ways = np.where((steps >= 0.0).all(axis=0), 1.0, np.where((steps <= 0.0).all(axis=0), -1.0, np.nan))
         passed = ways * (joints.position - before) >= 0.0
@@ -129,15 +176,20 @@ class Following:
     def error(self, joints: JointReading, reference: Reference) -> Array:
         """Angle (n_servos,) [rad] of each joint outside its recent references, more than `held` if it stands
         while they went on; NaN for servos that follow no reference."""
-        times = np.array([time for time, _ in self._past])
-        rows = np.array([row for _, row in self._past])
+        since, there = self._read(joints)
+        passed = joints.stamp - since
+        times, rows = self._past.times, self._past.rows
         begin = joints.stamp - self._lag
         inside = (times >= begin) & (times <= joints.stamp)
         inside[max(int(np.searchsorted(times, begin, side="right")) - 1, 0)] = True
         low, high = rows[inside].min(axis=0), rows[inside].max(axis=0)
         if self._known:
             allowed = np.where(self.learned, MORE * self._longest + LATER, self._lag)
-            before = self._references(joints.stamp - self._tried)
+            before, now, then = np.split(
+                self._past.at(np.concatenate((joints.stamp - self._tried, joints.stamp - self._few,
+                                              since - self._few))),
+                (LAGS, LAGS + len(self._few)),
+            )  # fmt: skip
             own = np.where(self._tried[:, None] < allowed + 0.5 * self._tried[1], before, np.nan)
             low, high = (
                 np.maximum(low, np.fmin.reduce(own, axis=0)),
@@ -151,14 +203,8 @@ class Following:
         goes[reference.servos] &= np.abs(joints.velocity[reference.servos]) > CREEPS * np.abs(
             reference.velocity
         )
-        self._readings.append((joints.stamp, joints.position))
-        while joints.stamp - self._readings[1][0] >= PROGRESS if len(self._readings) > 2 else False:
-            self._readings.popleft()
-        since, there = self._readings[0]
-        passed = joints.stamp - since
         if self._known and PROGRESS <= passed < 2.0 * PROGRESS:
-            lags = np.linspace(0.0, self._lag, 6)
-            ways = self._references(joints.stamp - lags) - self._references(since - lags)
+            ways = now - then
             least = np.where(
                 (ways > 0.0).all(axis=0) | (ways < 0.0).all(axis=0), np.abs(ways).min(axis=0), 0.0
             )
@@ -168,32 +214,26 @@ class Following:
             stands = (least > SLOWEST) & (gone < SHARE * least) & behind
             error[stands] = np.maximum(error, self._held + least - gone)[stands]
         error[goes] = 0.0
-        pull = np.nan_to_num(rows[-1] - joints.position)  # what lags goes the same way
-        self.pull = np.where(np.abs(pull) < 0.5 * CLEAR * self._held, 0.0, pull)
+        pull = rows[-1] - joints.position
+        # what lags goes the same way; a servo without reference pulls nowhere
+        self.pull = np.where(np.abs(pull) >= 0.5 * CLEAR * self._held, pull, 0.0)
         return error
+
+    def _read(self, joints: JointReading) -> tuple[float, Array]:
+        """Notes a reading. Returns the time [s] and positions (n_servos,) [rad] of one that is `PROGRESS`
+        older, or of the oldest."""
+        self._readings.append((joints.stamp, joints.position))
+        while joints.stamp - self._readings[1][0] >= PROGRESS if len(self._readings) > 2 else False:
+            self._readings.popleft()
+        return self._readings[0]
 
     def bent(self, joints: JointReading) -> Array:
         """Angle (n_servos,) [rad] by which joints that nobody commands left the place where they rested; NaN
         for servos that follow a reference, have no power, or were never seen at rest."""
         own = np.abs(joints.position - self._rests)
         if self._past:
-            own[np.isfinite(self._past[-1][1])] = np.nan
+            own[np.isfinite(self._past.rows[-1])] = np.nan
         if joints.powered is not None:
             own[~joints.powered] = np.nan
         bent: Array = own if self._known else np.full(len(own), np.nan)
         return bent
-
-    def _references(self, times: Array) -> Array:
-        """References (k, n_servos) [rad] at `times` (k,) [s], between the noted ones on a line."""
-        own = [time for time, _ in self._past]
-        last = len(own) - 1
-        found = []
-        for time in times.tolist():
-            place = bisect_right(own, time)
-            before, after = max(place - 1, 0), min(place, last)
-            row = self._past[before][1]
-            if after > before and time > own[before]:
-                share = (time - own[before]) / (own[after] - own[before])
-                row = row + share * (self._past[after][1] - row)
-            found.append(row)
-        return np.array(found)

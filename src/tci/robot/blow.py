@@ -9,15 +9,16 @@ The servos' reference moves on at the speed of the blow until the reaction.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from tci.errors import CommandError
 from tci.messages.frames import Array
 from tci.robot.description import Robot
-from tci.robot.kernels.blow import peak
+from tci.robot.kernels.blow import behind, peak, spare
 
 BANDWIDTH = 100.0
 """Natural frequency [rad/s] of a servo, critically damped. Nobody publishes it; those of good humanoids are
@@ -55,8 +56,7 @@ PEOPLE = (
 them. Skull and face are left out: no force is permitted there."""
 
 
-@dataclass(frozen=True, slots=True)
-class Striker:
+class Striker(NamedTuple):
     """What is behind one place of a robot, along one direction."""
 
     mass: float
@@ -73,47 +73,33 @@ class Striker:
         CommandError for a speed or a time below 0."""
         if not (0.0 <= speed < np.inf and 0.0 <= reaction < np.inf):
             raise CommandError(f"a blow at {speed} m/s, noticed after {reaction} s; valid: 0 or more")
-        return float(
-            peak(
-                self.mass, self.stiffness, self.damping, self.stall, speed, struck.stiffness, struck.mass,
-                reaction,
-            )
-        )  # fmt: skip
-
-    def speed_for(self, struck: Struck, speed: float, *, margin: float = 1.0) -> float:
-        """Largest speed [m/s] up to `speed` at which `margin` times the force of the blow is at most that
-        which `struck` may get."""
-        if margin * self.force_on(struck, speed) <= struck.force:
-            return speed
-        low, high = 0.0, speed
-        for _ in range(7):  # to 1 %
-            middle = 0.5 * (low + high)
-            if margin * self.force_on(struck, middle) <= struck.force:
-                low = middle
-            else:
-                high = middle
-        return low
+        return float(peak(*self, speed, struck.stiffness, struck.mass, reaction))
 
 
-def striker(robot: Robot, inertia: Array, moved: ArrayLike) -> Striker | None:
-    """What is behind a place that servo speeds move by `moved` (n_servos,) [m/rad] along the direction of the
-    blow. `inertia` (n_servos, n_servos) [kg m2] is that of the links. None if no servo moves the place."""
-    row = np.asarray(moved, dtype=float)
-    servos: NDArray[np.intp] = np.flatnonzero((np.abs(row) > 1e-6) & (np.diag(inertia) > 0.0))
-    if not servos.size:
-        return None
-    row, links = row[servos], inertia[np.ix_(servos, servos)]
-    own = np.diag(links)
-    rotors = ROTOR * own
-    mass = 1.0 / float(row @ np.linalg.solve(links + np.diag(rotors), row))
-    stiffness = BANDWIDTH**2 / float(row @ (row / (own + rotors)))
-    stall = float((_torques(robot, servos, own) / np.abs(row)).min())
-    return Striker(mass, stiffness, 2.0 * stiffness / BANDWIDTH, stall)
+class Strikers:
+    """Finds what is behind the places of one robot."""
+
+    def __init__(self, robot: Robot) -> None:
+        limits = [servo.limits for servo in robot.servos]
+        self._torques = np.array([one.torque or 0.0 for one in limits])
+        # a servo has at least the torque that its acceleration limit needs
+        self._accelerations = np.array([one.acceleration or 20.0 for one in limits])
+
+    def behind(self, inertia: Array, moved: Array) -> Striker | None:
+        """What is behind a place that servo speeds move by `moved` (n_servos,) [m/rad] along the direction of
+        the blow. `inertia` (n_servos, n_servos) [kg m2] is that of the links. None if no servo moves the
+        place."""
+        room, found = np.empty((len(moved), len(moved) + 1)), np.empty(4)
+        some = behind(inertia, moved, self._torques, self._accelerations, ROTOR, BANDWIDTH, room, found)
+        return Striker(*found.tolist()) if some else None
 
 
-def _torques(robot: Robot, servos: NDArray[np.intp], own: Array) -> Array:
-    """Most torque (k,) [N m]: that of the description, at least what the acceleration limit needs."""
-    limits = [robot.servos[int(servo)].limits for servo in servos]
-    needed = (1.0 + ROTOR) * own * np.array([one.acceleration or 20.0 for one in limits])
-    most: Array = np.maximum([one.torque or 0.0 for one in limits], needed)
-    return most
+def spared(
+    blows: Sequence[tuple[Striker, float]], people: Sequence[Struck], *, margin: float = 1.0
+) -> tuple[float, float]:
+    """The largest share of their speeds [m/s], at most 1, at which `margin` times the force of a blow exceeds
+    nothing that `people` may get, and the largest force [N] at that share, without the margin."""
+    rows = np.array([(*one, speed) for one, speed in blows]).reshape(-1, 5)
+    regions = np.array([(one.stiffness, one.mass, one.force) for one in people]).reshape(-1, 3)
+    share, force = spare(rows, regions, margin, REACTION)
+    return share, force

@@ -164,10 +164,13 @@ def test_a_number_that_is_not_finite_holds_too() -> None:
 def test_it_gives_way_to_the_gate_where_it_pushes() -> None:
     """Refusals would otherwise come at the policy's rate."""
     push = tci.PolicyCapability(lambda seen: [0, 0, 0, 0.9 * (seen[14] > 0.01 or seen[3] > 0.05), 0])
+    parts = set[str]()
     with tci.connect("g1") as driver:
         driver.world.finger.poke("left_forearm", 100)
-        result = tci.run(driver, push, duration=0.6)
+        see = lambda tick: parts.update(one.part for one in tick.sent.met)  # noqa: E731
+        result = tci.run(driver, push, duration=0.6, observe=see)
     assert result.went_back, "it pushes"
+    assert parts == {"left_arm", "left_hand"}, "they move together, and each is named"
     assert sum(notice.count for notice in result.refusals) <= 1, "that of the instant"
 
 

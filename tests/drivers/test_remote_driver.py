@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from helpers.remote_wire import Wire
+from tci.body import GenericBody
 from tci.drivers.remote.driver import WINDOW
 from tci.drivers.remote.protocol import Commander, Orders
 from tci.errors import DriverError
 from tci.gate.safe_command import GateState
+from tci.messages import Met
 from tci.reasons import Code, Reason
+from tci.runtime.control import Control
 
 HALTED = Reason(Code.HALTED, "halted")
 
@@ -88,6 +91,18 @@ def test_one_who_ordered_nothing_halts_nothing(wire: Wire) -> None:
     wire.read()
     wire.halt()
     assert not wire.said
+
+
+def test_what_the_robots_gate_met_is_perceived_in_the_same_period(wire: Wire) -> None:
+    """Without it, a capability orders a part that goes back, and is refused."""
+    met = (Met("left_arm", 20.0, "LElbowRoll", 0.05, "retreat"),)
+    for wire.met in (met, ()):
+        wire.tell()
+        wire.time.advance(wire.period)
+        moment = Control(wire, GenericBody(wire.robot)).observe()
+        assert moment is not None
+        assert moment.perceived().met == wire.met
+        assert wire.gate.step([], moment.reading.joints, moment.now).met == wire.met
 
 
 def test_a_driver_whose_wire_is_cut_is_closed_all_the_same(wire: Wire) -> None:

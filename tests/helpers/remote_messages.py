@@ -16,7 +16,7 @@ from tci.drivers.remote.encoding import (
     to_state,
 )
 from tci.drivers.remote.protocol import Commander, Orders, SessionFrame, State
-from tci.messages import JointReading, Mode, PlatformCommand, PlatformSwitch, SkinFrame
+from tci.messages import JointReading, Met, Mode, PlatformCommand, PlatformSwitch, SkinFrame
 from tci.reasons import Code, Reason
 
 NAO = tci.load_robot("nao")
@@ -34,6 +34,7 @@ STATE = State(
     "hold",
     Reason(Code.JOINTS_STALE, "why"),
     (Commander(5, "a", 6, 2, Reason(Code.OTHER_COMMANDER, "because")), Commander(7, "b", 1, 0, None)),
+    (Met("left_arm", 12.5, "LElbowRoll", 0.05, "retreat"), Met("head", 7.0, None, 0.0, "told")),
 )
 FRAME = SessionFrame(11, SkinFrame("left_forearm", 3.25, 9, np.arange(240, dtype=np.uint8)))
 ORDERS = Orders(

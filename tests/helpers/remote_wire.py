@@ -11,7 +11,7 @@ from tci.drivers.remote.driver import RemoteDriver
 from tci.drivers.remote.protocol import Commander, Orders, SessionFrame, State
 from tci.errors import DriverError
 from tci.gate.safe_command import SafeCommand
-from tci.messages import JointReading, PlatformOrder
+from tci.messages import JointReading, Met, PlatformOrder
 from tci.messages.clock import ManualClock
 from tci.robot.joint_map import initial_position
 
@@ -29,6 +29,8 @@ class Wire(RemoteDriver):
         """Gate state that the robot's process reports."""
         self.told: tuple[Commander, ...] = ()
         """Commanders that the robot's process reports."""
+        self.met: tuple[Met, ...] = ()
+        """Contacts that the robot's process reports."""
         self.cut = False
 
     def tell(self, *, late: float = 0.0) -> None:
@@ -36,7 +38,7 @@ class Wire(RemoteDriver):
         self.sequence += 1
         sent, count = self.time.now() - late, len(self.robot.servos)
         joints = JointReading(sent, self.sequence, np.array(initial_position(self.robot)), np.zeros(count))
-        self.inbox.append(State(1, self.sequence, sent, sent, joints, self.there, None, self.told))
+        self.inbox.append(State(1, self.sequence, sent, sent, joints, self.there, None, self.told, self.met))
 
     def age(self, *, late: float = 0.0) -> float:
         """Delivers a state message that was sent `late` [s] ago, and returns the age [s] of the joint data in

@@ -107,7 +107,7 @@ class _Group:
     """One group of servos that move together."""
 
     servos: NDArray[np.intp]
-    name: str
+    parts: tuple[str, ...]
     answer: Literal["retreat", "soft", "stop"] = "retreat"
     path: deque[tuple[float, Array]] = field(default_factory=deque)
     outside: int = 0
@@ -147,6 +147,10 @@ class _Group:
     """Joints (k,) that press the first since then."""
     behind: int = 0
     """Successive readings in which a joint is held on its way back."""
+
+    @property
+    def name(self) -> str:
+        return " and ".join(self.parts)
 
 
 class _Seen(NamedTuple):
@@ -195,9 +199,7 @@ class ContactReaction:
                 continue
             own = [servo for servo, group in enumerate(groups) if group == number]
             names = [name for name, numbers in parts.items() if number in numbers]
-            self._groups[number] = _Group(
-                np.array(own), " and ".join(names) or robot.servos[own[0]].robot_part
-            )
+            self._groups[number] = _Group(np.array(own), tuple(names) or (robot.servos[own[0]].robot_part,))
         for name, answer in settings.answers.items():
             if name not in parts:
                 raise UnknownNameError("part", name, parts)
@@ -255,7 +257,8 @@ class ContactReaction:
     def touched(self) -> tuple[str, ...]:
         """Names of the parts that answer a contact which is not over, or are pressed with more than anybody
         expects."""
-        answer = {one.name for one in self._groups.values() if one.goal is not None and one.free is None}
+        answering = [one for one in self._groups.values() if one.goal is not None and one.free is None]
+        answer = {part for one in answering for part in one.parts}
         most = self._settings.felt
         pressed = {one.part for one in self.met if one.force > most and one.answer != "expected"}
         return tuple(sorted(answer | pressed))
@@ -404,7 +407,8 @@ class ContactReaction:
         elif self._now < group.until and seen.felt.force <= group.expected:
             answer = "expected"
         joint = self._robot.servos[seen.worst].name if held else None
-        yield Met(group.name, seen.felt.force, joint, seen.error if held else 0.0, answer)
+        for part in group.parts:
+            yield Met(part, seen.felt.force, joint, seen.error if held else 0.0, answer)
 
     def _judge(self, group: _Group, seen: _Seen) -> Array | None:
         """On a way back, and after it: where to go next, or None."""

@@ -35,7 +35,7 @@ from tci.gate.safe_command import SafeCommand as SafeCommand
 from tci.gate.settings import GateCounts as GateCounts
 from tci.gate.settings import GateSettings as GateSettings
 from tci.gate.settings import Tally
-from tci.messages import CONTROL_MODES, Contacts, JointReading, Mode, PlatformOrder, PlatformSwitch
+from tci.messages import CONTROL_MODES, Contacts, JointReading, Met, Mode, PlatformOrder, PlatformSwitch
 from tci.messages.commands import MOST_EXPECTED
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
@@ -116,6 +116,7 @@ class Gate:
         self._stopped: Reason | None = None
         self._held: Reason | None = None
         self._told: list[Reason] = []
+        self._met: tuple[Met, ...] = ()
         self._loads: dict[str, Tool] = {}
         self._credit, self._before = 1.0, -np.inf
         self._pace: float | None = 0.0  # latest delay of a loop that was never on time [periods]
@@ -237,12 +238,23 @@ class Gate:
         if self._monitor is not None:
             self._monitor.reset()
 
+    @property
+    def met(self) -> tuple[Met, ...]:
+        """Contacts that this gate noticed in its last step; of a gate that doesn't answer contact, what the
+        driver told of the one that does."""
+        return self._met if self._contact is None else self._contact.met
+
+    def tell_met(self, met: Sequence[Met]) -> None:
+        """Says what the gate of the robot's process noticed. Without effect on a gate that answers contact
+        itself."""
+        self._met = tuple(met)
+
     def set_contact(self, settings: ContactSettings) -> None:
         """Changes when a contact counts, and how each part answers it. Raises CommandError if something is in
         contact, or if another gate answers contact; and UnknownNameError for a part that the robot lacks."""
         if self._contact is None:
             raise CommandError("this gate does not answer contact; valid: the gate that owns the robot")
-        if self._contact.met or self._contact.blocked:
+        if self.met or self._contact.blocked:
             raise CommandError("a part is in contact; valid: other settings when nothing presses")
         self._contact = ContactReaction(self._robot, groups_of(self._robot), settings)
         self._settings = replace(self._settings, contact=settings)
@@ -259,7 +271,7 @@ class Gate:
             raise CommandError("this gate does not answer contact; valid: the gate that owns the robot")
         if self._stopped is not None and self._stopped.code in UNFIT:
             raise CommandError(f"no way is known: {self._stopped}; valid: free the person by hand")
-        if not self._contact.met:
+        if not self.met:
             raise CommandError("nothing is in contact; valid: free when SafeCommand.met names a part")
         self._contact.free()
 
@@ -350,7 +362,7 @@ class Gate:
             clamped=tuple(clamped),
             refusals=tuple(refusals),
             reason=reason,
-            met=() if self._contact is None else self._contact.met,
+            met=self.met,
             orders=tuple(taken),
             refused=tuple(refused_orders),
         )

@@ -73,7 +73,8 @@ class SafeCommand:
     reason: Reason | None = None
     """Reason for the state HOLD or STOP of the gate; None in the state RUN."""
     met: tuple[Met, ...] = ()
-    """Contacts that the gate notices, from the lower of its two thresholds on."""
+    """Contacts that the gate notices, or that of the robot's process, from the lower of the two thresholds
+    on; one for each part."""
     orders: tuple[PlatformOrder, ...] = ()
     """Orders that were accepted in this step. A driver that is connected to another TCI process sends these
     orders to that process instead of positions, because the gate of that process plans the motion."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 Answer = Literal["told", "expected", "soft", "retreat", "stop"]
 """What the gate does about a contact: it only tells it, leaves it to the capability that expected it, gives
 way, goes back, or stops the part."""
+ANSWERS: tuple[Answer, ...] = get_args(Answer)
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,7 +16,8 @@ class Met:
     """A part that is in contact now."""
 
     part: str
-    """The generic part; its robot's own name for servos of none."""
+    """The generic part; its robot's own name for servos of none. Parts that move together, such as an arm and
+    its hand, each have a `Met`."""
     force: float
     """Largest force [N] on its skin; 0 where no skin feels it."""
     joint: str | None

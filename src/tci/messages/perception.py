@@ -93,5 +93,5 @@ class Perception:
     """The robot's own joints, for the methods of `GenericBody`. A capability that reads these joints directly
     does not run on every robot. The value is None if the perception was created without a robot."""
     met: tuple[Met, ...] = ()
-    """What the gate said of contact in the previous period: also where no skin feels it, since a joint is
-    held."""
+    """What the gate that owns the robot said of contact last, one for each part: also where no skin feels it,
+    since a joint is held."""

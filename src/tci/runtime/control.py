@@ -144,8 +144,8 @@ class Control:
         if self._perceiver is not None:
             try:
                 perception = self._perceiver.step(reading, now)
-                if self._sent is not None and self._sent.met:
-                    perception = replace(perception, met=self._sent.met)
+                if met := self.driver.gate.met:
+                    perception = replace(perception, met=met)
                 self._perception = perception
                 self._misfit = None
             except FrameError as error:

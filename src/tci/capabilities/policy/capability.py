@@ -162,11 +162,7 @@ class PolicyCapability(Capability[Policies]):
     def _give_way(self, own: PolicyMemory, part: str, perception: Perception) -> PolicyMemory:
         """Waits while the gate answers a contact of the part."""
         now = perception.stamp
-        # joints of several parts that move together are named together: `left_arm and left_hand`
-        if any(
-            part in met.part.split(" and ") and met.answer not in ("told", "expected")
-            for met in perception.met
-        ):
+        if any(met.part == part and met.answer not in ("told", "expected") for met in perception.met):
             own = replace(own, free=now + QUIET)
         if now >= own.free:
             return own

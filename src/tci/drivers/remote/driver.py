@@ -171,6 +171,7 @@ class RemoteDriver(Driver):
             self.gate.stop(self._lost)
         if state.gate != GateState.RUN.value:
             self.gate.hold(Reason(Code.OWNER_HOLDS, f"the robot's process: {text_of(state.reason)}"))
+        self.gate.tell_met(state.met)
         for commander in state.commanders:
             if commander.client == self.client:
                 self._process_entry(commander)

@@ -3,7 +3,7 @@ in CDR, the binary format of messages in ROS 2.
 
 The envelope has these fields:
 
-- `TCI3`
+- `TCI4`
 - the kind of the message (1 byte)
 - the first 8 bytes of the SHA-256 of the robot's description
 - the CRC-32 (a checksum) of the 13 bytes above and the body
@@ -23,6 +23,7 @@ import numpy as np
 from tci.drivers.remote.protocol import (
     HIGHEST,
     MOST_COMMANDERS,
+    MOST_MET,
     MOST_ORDERS,
     MOST_WORDS,
     Commander,
@@ -32,8 +33,9 @@ from tci.drivers.remote.protocol import (
     shown,
 )
 from tci.errors import FrameError, RecordingError
-from tci.messages import Mode, PlatformCommand, PlatformOrder, PlatformSwitch
+from tci.messages import Met, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.messages.frames import read_only
+from tci.messages.met import ANSWERS
 from tci.reasons import NO_REASON, number_of, reason_of, text_of
 from tci.recording.rosmsg.cdr import MessageType, decode, encode
 from tci.recording.schemas import MODES, SKIN, header, mode_number, skin_values, to_frame, to_joints
@@ -41,7 +43,7 @@ from tci.robot.description import Robot
 
 ENVELOPE = struct.Struct("<4sc8sI")
 FAMILY = b"TCI"
-MAGIC = FAMILY + b"3"
+MAGIC = FAMILY + b"4"
 LONGEST = 1 << 16
 """Size [bytes] of the longest accepted message. Assumed: this is about the size of UDP's longest datagram."""
 Kind = Literal[b"S", b"F", b"O"]
@@ -57,9 +59,13 @@ STATE = MessageType(
         ("string", "gate"), ("uint16", "code"), ("string", "reason"),
         ("int64[]", "clients"), ("string[]", "names"), ("int64[]", "acknowledged"), ("int64[]", "refused"),
         ("uint16[]", "codes"), ("string[]", "reasons"),
+        ("string[]", "met"), ("float64[]", "met_force"), ("string[]", "met_joint"),
+        ("float64[]", "met_behind"), ("uint8[]", "met_answer"),
     ),
     says="State of a served robot in one period: [s], [rad], [rad/s], [N m]; joints as in its description.\n"
-    f"code, codes: numbers of tci.reasons.Code, {NO_REASON} for no reason.",
+    f"code, codes: numbers of tci.reasons.Code, {NO_REASON} for no reason.\n"
+    "met: each part in contact, with its force [N], the servo that is held or an empty text, by how much\n"
+    f"[rad], and the gate's answer: {', '.join(f'{n} {answer}' for n, answer in enumerate(ANSWERS))}.",
 )  # fmt: skip
 FRAME = MessageType(
     "tci_msgs/msg/SessionFrame", (("int64", "session"), *SKIN.fields),
@@ -123,6 +129,9 @@ def state_bytes(robot: Robot, state: State) -> bytes:
         [m.client for m in members], [m.name for m in members], [m.acknowledged for m in members],
         [m.refused for m in members],
         [number_of(m.reason) for m in members], [text_of(m.reason) for m in members],
+        [one.part for one in state.met], [one.force for one in state.met],
+        [one.joint or "" for one in state.met], [one.behind for one in state.met],
+        [ANSWERS.index(one.answer) for one in state.met],
     )  # fmt: skip
     return seal(robot, b"S", encode(STATE, (*header(state.now), *values)))
 
@@ -145,10 +154,27 @@ def to_state(robot: Robot, data: bytes) -> State:
         )
         for client, name, acknowledged, refused, code, text in zip(*columns, strict=True)
     )
+    met = to_met(*(found[name] for name in ("met", "met_force", "met_joint", "met_behind", "met_answer")))
     return State(
         found["session"], found["sequence"], found["sent"], found["now"], joints,
-        shown(found["gate"], 16), reason_of(found["code"], shown(found["reason"], 200)), members,
+        shown(found["gate"], 16), reason_of(found["code"], shown(found["reason"], 200)), members, met,
     )  # fmt: skip
+
+
+def to_met(
+    parts: Sequence[str], forces: Sequence[float], joints: Sequence[str], behind: Sequence[float],
+    answers: Sequence[int],
+) -> tuple[Met, ...]:  # fmt: skip
+    """Contacts from columns of equal length. Raises FrameError for anything that a server doesn't send."""
+    columns = parts, forces, joints, behind, answers
+    if len({len(column) for column in columns}) != 1 or len(parts) > MOST_MET:
+        raise FrameError(f"state with {len(parts)} parts in contact; valid: at most {MOST_MET}, each whole")
+    if not np.isfinite([*forces, *behind]).all() or any(number >= len(ANSWERS) for number in answers):
+        raise FrameError("state with a contact that is none")
+    return tuple(
+        Met(shown(part, 64), float(force), shown(joint, 64) or None, float(angle), ANSWERS[number])
+        for part, force, joint, angle, number in zip(*columns, strict=True)
+    )
 
 
 def frame_bytes(robot: Robot, message: SessionFrame) -> bytes:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tci.messages import JointReading, PlatformOrder, SkinFrame
+from tci.messages import JointReading, Met, PlatformOrder, SkinFrame
 from tci.reasons import Reason
 
 MOST_ORDERS = 64
@@ -28,6 +28,8 @@ state has an entry for each commander, so this number also bounds the length of 
 MOST_WORDS = 2000
 """Largest length [characters] of a reason. Assumed: with this length, the reasons for all commanders fit in
 one state."""
+MOST_MET = 64
+"""Largest number of parts in contact in one state, to bound its length. Assumed: no robot has more parts."""
 
 
 def shown(text: str, most: int) -> str:
@@ -70,6 +72,8 @@ class State:
     reason: Reason | None
     """Reason why the gate holds or stops the robot; None in the state `run`."""
     commanders: tuple[Commander, ...]
+    met: tuple[Met, ...] = ()
+    """Contacts that the gate of the robot's process notices."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -93,6 +93,7 @@ class RemoteServer(Server):
                 gate=sent.state.value,
                 reason=sent.reason,
                 commanders=self.commanders.states(),
+                met=sent.met,
             )
         )
         for frame in reading.skin:

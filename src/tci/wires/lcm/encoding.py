@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from tci.drivers.remote.encoding import to_met
 from tci.drivers.remote.protocol import (
     HIGHEST,
     MOST_COMMANDERS,
@@ -27,10 +28,11 @@ from tci.errors import FrameError, RecordingError
 from tci.exports.facts import query
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.messages.frames import read_only
+from tci.messages.met import ANSWERS
 from tci.reasons import number_of, reason_of, text_of
 from tci.recording.schemas import MODES, UNKNOWN, mode_number, to_frame
 from tci.robot.description import Robot
-from tci.wires.lcm.tci_lcm import commander_t, facts_t, order_t, orders_t, skin_t, state_t
+from tci.wires.lcm.tci_lcm import commander_t, facts_t, met_t, order_t, orders_t, skin_t, state_t
 
 
 def robot_number(robot: Robot) -> int:
@@ -66,6 +68,14 @@ def state_bytes(robot: Robot, state: State) -> bytes:
             )
             for member in state.commanders
         ],
+        num_met=len(state.met),
+        met=[
+            _filled(
+                met_t, part=one.part, force=one.force, joint=one.joint or "", behind=one.behind,
+                answer=ANSWERS.index(one.answer),
+            )
+            for one in state.met
+        ],
     )  # fmt: skip
 
 
@@ -93,6 +103,7 @@ def to_state(robot: Robot, data: bytes) -> State:
     return State(
         found.session, found.sequence, found.sent, found.now, joints, shown(found.gate, 16),
         reason_of(found.code, shown(found.reason, 200)), members,
+        to_met(*([getattr(one, name) for one in found.met] for name in met_t.__slots__)),
     )  # fmt: skip
 
 

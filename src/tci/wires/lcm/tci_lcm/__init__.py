@@ -5,6 +5,7 @@ lcm-gen 1.5.3
 """
 
 from .commander_t import commander_t as commander_t
+from .met_t import met_t as met_t
 from .state_t import state_t as state_t
 from .skin_t import skin_t as skin_t
 from .order_t import order_t as order_t

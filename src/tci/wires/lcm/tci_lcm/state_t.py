@@ -11,11 +11,11 @@ import tci.wires.lcm.tci_lcm
 
 class state_t(object):
 
-    __slots__ = ["robot", "session", "sequence", "sent", "now", "joints_stamp", "joints_sequence", "num_joints", "position", "velocity", "num_effort", "effort", "num_modes", "modes", "num_powered", "powered", "gate", "code", "reason", "num_commanders", "commanders", "check"]
+    __slots__ = ["robot", "session", "sequence", "sent", "now", "joints_stamp", "joints_sequence", "num_joints", "position", "velocity", "num_effort", "effort", "num_modes", "modes", "num_powered", "powered", "gate", "code", "reason", "num_commanders", "commanders", "num_met", "met", "check"]
 
-    __typenames__ = ["int64_t", "int64_t", "int64_t", "double", "double", "double", "int64_t", "int32_t", "double", "double", "int32_t", "double", "int32_t", "byte", "int32_t", "boolean", "string", "int32_t", "string", "int32_t", "tci.wires.lcm.tci_lcm.commander_t", "int32_t"]
+    __typenames__ = ["int64_t", "int64_t", "int64_t", "double", "double", "double", "int64_t", "int32_t", "double", "double", "int32_t", "double", "int32_t", "byte", "int32_t", "boolean", "string", "int32_t", "string", "int32_t", "tci.wires.lcm.tci_lcm.commander_t", "int32_t", "tci.wires.lcm.tci_lcm.met_t", "int32_t"]
 
-    __dimensions__ = [None, None, None, None, None, None, None, None, ["num_joints"], ["num_joints"], None, ["num_effort"], None, ["num_modes"], None, ["num_powered"], None, None, None, None, ["num_commanders"], None]
+    __dimensions__ = [None, None, None, None, None, None, None, None, ["num_joints"], ["num_joints"], None, ["num_effort"], None, ["num_modes"], None, ["num_powered"], None, None, None, None, ["num_commanders"], None, ["num_met"], None]
 
     def __init__(self):
         self.robot = 0
@@ -108,6 +108,10 @@ class state_t(object):
         """ LCM Type: int32_t """
         self.commanders = []
         """ LCM Type: tci.wires.lcm.tci_lcm.commander_t[num_commanders] """
+        self.num_met = 0
+        """ LCM Type: int32_t """
+        self.met = []
+        """ LCM Type: tci.wires.lcm.tci_lcm.met_t[num_met] """
         self.check = 0
         """ LCM Type: int32_t """
 
@@ -140,6 +144,10 @@ class state_t(object):
         for i0 in range(self.num_commanders):
             assert self.commanders[i0]._get_packed_fingerprint() == tci.wires.lcm.tci_lcm.commander_t._get_packed_fingerprint()
             self.commanders[i0]._encode_one(buf)
+        buf.write(struct.pack(">i", self.num_met))
+        for i0 in range(self.num_met):
+            assert self.met[i0]._get_packed_fingerprint() == tci.wires.lcm.tci_lcm.met_t._get_packed_fingerprint()
+            self.met[i0]._encode_one(buf)
         buf.write(struct.pack(">i", self.check))
 
     @staticmethod
@@ -173,6 +181,10 @@ class state_t(object):
         self.commanders = []
         for i0 in range(self.num_commanders):
             self.commanders.append(tci.wires.lcm.tci_lcm.commander_t._decode_one(buf))
+        self.num_met = struct.unpack(">i", buf.read(4))[0]
+        self.met = []
+        for i0 in range(self.num_met):
+            self.met.append(tci.wires.lcm.tci_lcm.met_t._decode_one(buf))
         self.check = struct.unpack(">i", buf.read(4))[0]
         return self
 
@@ -180,7 +192,7 @@ class state_t(object):
     def _get_hash_recursive(parents):
         if state_t in parents: return 0
         newparents = parents + [state_t]
-        tmphash = (0x1610811ff3ef899d+ tci.wires.lcm.tci_lcm.commander_t._get_hash_recursive(newparents)) & 0xffffffffffffffff
+        tmphash = (0x9c154e7f7c60388c+ tci.wires.lcm.tci_lcm.commander_t._get_hash_recursive(newparents)+ tci.wires.lcm.tci_lcm.met_t._get_hash_recursive(newparents)) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

@@ -47,12 +47,13 @@ def test_a_free_joint_becomes_fast_and_a_held_one_gets_its_torque(name: str) -> 
 def test_20_an_encoder_that_freezes_at_rest_lets_its_joint_turn_little(
     name: str, share: float, friction: float
 ) -> None:
-    """A shoulder turned by 147 degrees at 6.4 times its limit; asked for a fifth of its torque, for ever."""
+    """A shoulder turned by 147 degrees at 6.4 times its limit; asked for a fifth of its torque, for ever.
+    With pushes that were taken back it was still 5.1 and 16 degrees."""
     servo = next(one.index for one in ICUB.servos if one.name == name)
     fast, way, reason = frozen(ICUB, servo, share=share, friction=friction)
     assert reason.startswith(f"the encoder of {name} stands still whatever the torque")
-    assert fast <= 1.3
-    assert way <= np.deg2rad(25.0)
+    assert fast <= 1.0
+    assert way <= np.deg2rad(4.0 if friction else 10.0)
 
 
 @pytest.mark.parametrize("mode", [Mode.IMPEDANCE, Mode.TORQUE])

@@ -100,20 +100,32 @@ def test_the_speed_asked_for_beside_the_limit_holds_for_a_velocity() -> None:
 def test_a_command_that_nobody_renews_ends(mode: Mode) -> None:
     driven = Driven(ROBOT, ZERO)
     driven.step(switch([2], mode))
-    for _ in range(150):
-        if mode is Mode.TORQUE:  # an encoder that answers: one whose readings repeat gets no steady torque
-            driven.angles[2] += 1e-5
-        driven.step(command(mode, [2], [0.5]))
+    drive(driven, command(mode, [2], [0.5]), 150)
     timeout = round(driven.gate.settings.command_timeout / PERIOD)
     for _ in range(timeout - 2):
-        if mode is Mode.TORQUE:
-            driven.angles[2] += 1e-5
         safe = driven.step()
     assert (safe.velocity if mode is Mode.VELOCITY else safe.torque)[0] == pytest.approx(0.5)
     for _ in range(100):
         safe = driven.step()
     assert np.abs([safe.velocity[0], safe.torque[0]]).max() < 1e-12
     driven.assert_within_limits()
+
+
+@pytest.mark.parametrize("asked", [0.5, -0.5])
+def test_a_joint_that_rests_is_never_pushed_against_what_was_asked(asked: float) -> None:
+    """Its encoder repeats to the last bit, as that of a healthy joint at rest may. It got +0.5, then -0.5."""
+    driven = Driven(ROBOT, ZERO)
+    driven.step(switch([2], Mode.TORQUE))
+    steps = [driven.step(command(Mode.TORQUE, [2], [asked])) for _ in range(600)]
+    sent = np.array([safe.torque[0] for safe in steps])
+    assert ((sent / asked >= 0.0) & (sent / asked <= 1.0)).all()
+    assert (sent[10:200] == asked).all()
+    assert sent[-1] == 0.0, "a free joint with a frozen encoder would have become too fast"
+    told = [str(reason) for safe in steps for reason in safe.clamped]
+    assert told == ["joint2: its readings repeat whatever the torque; it gets no more until one differs"]
+    driven.angles[2] += 1e-5
+    again = [driven.step(command(Mode.TORQUE, [2], [asked])).torque[0] for _ in range(100)]
+    assert again[10:] == [asked] * 90
 
 
 def test_a_velocity_that_nobody_renews_ends_without_a_way_back() -> None:

@@ -343,7 +343,7 @@ def test_a_long_silence_is_no_habit() -> None:
 
 def limiter() -> TorqueLimiter:
     """Returns a limiter for servo 2 of the made robot, with limits of 5 N m, 40 rad/s2 and 2.7 rad/s."""
-    made = TorqueLimiter(ROBOT, PERIOD, speed_share=0.9)
+    made = TorqueLimiter(ROBOT, PERIOD, speed_share=0.9, push=0.1)
     made.set_servos([2])
     return made
 

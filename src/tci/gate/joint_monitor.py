@@ -71,7 +71,7 @@ class MonitorSettings:
     decays with this time constant [s]; otherwise the offset of a velocity sensor would add up."""
     push: float = 0.1
     """In torque mode the encoder counts as frozen if more than this fraction of the torque limit was added
-    several times while angle and velocity stayed exactly constant. Twice the usual dry friction: so much may
+    long enough while angle and velocity stayed exactly constant. Twice the usual dry friction: so much may
     be added before a joint that rests on it moves."""
     mode_change: float = 0.5
     """Time [s] after a mode switch within which the robot must report the new mode."""
@@ -152,7 +152,7 @@ class JointMonitor:
         reference.
 
         `reference` must be that of the time when the reading was taken. `unanswered` (k,) [N m] are torques
-        that were added several times without an answer in the readings. The servos in `excused` need not
+        that were added without an answer in the readings. The servos in `excused` need not
         follow now: they met something, and the gate moves them away from it.
         Call this method once per control period.
         """

@@ -21,7 +21,7 @@ from tci.gate.bounds import MARGIN
 from tci.gate.commanded_groups import CommandedGroups
 from tci.gate.freshness import Freshness
 from tci.gate.immovable import Immovable, is_movable
-from tci.gate.joint_monitor import JUDGED, Reference
+from tci.gate.joint_monitor import JUDGED, MonitorSettings, Reference
 from tci.gate.settings import GateSettings, Tally
 from tci.gate.speeds import Lags, Slope, Speeds
 from tci.gate.torque import TorqueLimiter
@@ -92,7 +92,9 @@ class Motion:
         self.groups = CommandedGroups(robot, period=period, settings=settings)
         """Servos under command, without those in torque mode."""
         self.groups.rehearse()
-        self._torque = TorqueLimiter(robot, period, speed_share=settings.speed_share)
+        self._torque = TorqueLimiter(
+            robot, period, speed_share=settings.speed_share, push=(settings.monitor or MonitorSettings()).push
+        )
         self._fed = np.full(len(robot.servos), -np.inf)
         self._velocity = self._speed = np.zeros(len(robot.servos))
         self._freshness = Freshness(period)
@@ -265,7 +267,7 @@ class Motion:
                 self._tally.near_misses += ended.code is Code.SELF_COLLISION
         if self._torque.servos.size:
             self._torque.relax(np.flatnonzero(now - self._fed > longest))
-            near += self._keep_apart(self._freshness.age(now))
+            near += self._keep_apart(self._freshness.age(now)) + self._withheld()
         return near
 
     def _keep_apart(self, age: float) -> list[Reason]:
@@ -289,6 +291,11 @@ class Motion:
                 self._tally.near_misses += 1
         self._back = back
         return told
+
+    def _withheld(self) -> list[Reason]:
+        names = [self.robot.servos[servo].name for servo in self._torque.withheld()]
+        words = "its readings repeat whatever the torque; it gets no more until one differs"
+        return [Reason(Code.CLAMPED, f"{name}: {words}", (name,)) for name in names]
 
     def torques(self, now: float, *, due: bool) -> Array:
         """Returns the torques (k,) [N m] of the servos under command at `now` [s], in the order of

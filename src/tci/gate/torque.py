@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tci.errors import CommandError, DescriptionError
 from tci.gate.bounds import APPROACH, MARGIN
-from tci.gate.kernels.torques import ENOUGH, Answers, Limits, Measured, Memory, Times, limit_torques
+from tci.gate.kernels.torques import Answers, Limits, Measured, Memory, Times, limit_torques
 from tci.gate.way_inside import CREEP, QUICK
 from tci.messages import Mode
 from tci.messages.frames import Array
@@ -44,15 +44,16 @@ higher."""
 class TorqueLimiter:
     """Limits the torques of all servos of a robot that are in torque mode."""
 
-    def __init__(self, robot: Robot, period: float, *, speed_share: float) -> None:
+    def __init__(self, robot: Robot, period: float, *, speed_share: float, push: float) -> None:
         self._robot = robot
         self._inertia, self._missing = np.full(len(robot.servos), np.nan), ""
         self._period = period
-        self._share = speed_share
+        self._share, self._push = speed_share, push
         count = len(robot.servos)
         self._memory = Memory(*np.zeros((5, count)))
-        self._answers = Answers(*np.zeros((9, count)))
+        self._answers = Answers(*np.zeros((10, count)))
         self._pushed = deque([np.zeros(count)], maxlen=1 + math.ceil(REMEMBERED / period))
+        self._told = np.zeros(count, dtype=bool)
         self._halts = np.zeros(count)
         self._clock, self._taken = 0.0, -np.inf
         self.servos: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
@@ -117,11 +118,17 @@ class TorqueLimiter:
 
     @property
     def unanswered(self) -> Array:
-        """Torques (k,) [N m] that were added several times without an answer: readings of angle and velocity
-        repeated exactly. 0 for servos whose readings answer."""
-        own = self.servos
-        unanswered: Array = np.where(self._answers.pushes[own] >= ENOUGH, self._answers.size[own], 0.0)
+        """Torques (k,) [N m] that were added without an answer: readings of angle and velocity repeated
+        exactly. 0 for servos whose readings answer."""
+        unanswered: Array = self._answers.unanswered[self.servos]
         return unanswered
+
+    def withheld(self) -> list[int]:
+        """Servos that from now on get no more torque, since their readings repeat exactly."""
+        withheld = self._answers.withheld > 0.0
+        fresh = np.flatnonzero(withheld & ~self._told).tolist()
+        self._told = withheld
+        return fresh
 
     def forget(self) -> None:
         """Trusts encoders that did not answer again."""
@@ -172,8 +179,8 @@ class TorqueLimiter:
           would end beyond its position limit, it is braked, by no more than ends its motion.
         - Near a limit, a torque towards the limit decreases to zero. Beyond the limit only a slow return is
           allowed.
-        - A joint whose readings have repeated exactly for a while gets more torque only in short pushes,
-          until a reading answers.
+        - A joint whose readings repeat exactly gets no more torque than lets it stay below its speed limit if
+          it is free and its encoder frozen, until a reading answers.
         - A velocity that is not finite sets the commanded torque to zero. A velocity that lags behind `slope`
           is ignored.
         - Each torque is limited to the fraction `trust` (0..1) of the torque that follows from the rules
@@ -193,7 +200,8 @@ class TorqueLimiter:
         measured = Measured(*np.array([position, velocity, slope, *sums]))
         times = Times(age, 0.5 * span, min(elapsed, REMEMBERED), UNDERWAY * self._period, self._period)
         limit_torques(
-            self.servos, measured, self._limits, self._trust, self._halts, times, drives, self._memory,
+            self.servos, measured, self._limits, self._trust, self._halts, times, drives, self._push,
+            self._memory,
             self._answers,
         )  # fmt: skip
         self._halts[:] = 0.0

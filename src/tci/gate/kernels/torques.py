@@ -90,36 +90,34 @@ class Answers(NamedTuple):
     """Times [s] for which angle and velocity have repeated exactly."""
     base: Array
     """Torques [N m] under which they began to repeat."""
-    phase: Array
-    """What the present push does: PUSHES, COASTS, BRAKES or RESTS."""
-    spent: Array
-    """Times [s] since the push coasts or rests."""
     pace: Array
-    """Speeds [rad/s] that the push would have given a heavy free joint."""
+    """Speeds [rad/s] that what was added since then would have given a joint that is free."""
+    heavy: Array
+    """Speeds [rad/s] that it would have given a joint that is heavy and sticks."""
     way: Array
-    """Ways [rad] that it would have gone."""
-    size: Array
-    """Sizes [N m] of the push before."""
-    pushes: Array
-    """Numbers of pushes in a row that no reading answered."""
+    """Ways [rad] that such a joint would have gone."""
+    spent: Array
+    """Times [s] since it would have turned far enough to be noticed."""
+    tried: Array
+    """Largest torques [N m] that were added."""
+    unanswered: Array
+    """Torques [N m] that were added and that no reading answered in time; else 0."""
+    withheld: Array
+    """Torques [N m] up to `push` that are not sent any more; else 0."""
 
 
-PUSHES, COASTS, BRAKES, RESTS = range(4)
-SLEEPS = 0.06
-"""Time [s] for which a reading repeats exactly until its joint is pushed with care, since the encoder may be
-frozen. With 0.15 s an iCub's shoulder without friction turned by 53 degrees instead of 19."""
+UNSEEN, MORE = 0.6, 0.3
+"""Shares of its speed limit that a free joint may get while its readings repeat: by a torque up to `push`,
+and in addition by a larger one. With double of both it would pass its limit; with half, a joint that rests
+gets what was asked for half as long."""
+SLEEPS, STRONGEST = 0.06, 2.0
+"""Time [s] for which a reading repeats exactly until no more than this multiple of `push` is added."""
 HEAVY = 4.0
-"""Inertia, as a multiple of the links' least, up to which a free joint must answer a push: with its motor."""
-NOTICED = float(np.deg2rad(0.15))
-"""Way [rad] of such a joint after which a push ends. It coasts three times as far until a reading tells it:
-more than a count of a coarse encoder."""
-BRAKED = 0.9
-"""Share of a push that nothing answered that is taken back. If the joint turned unseen, friction does the
-rest; it must not turn back."""
-HARDER = 1.5
-"""Ratio between a push and the one before, while nothing answers."""
-ENOUGH = 3.0
-"""Pushes without an answer after which only a harder command is tried."""
+"""Inertia, as a multiple of the links' least, up to which a free joint must answer: with its motor."""
+NOTICED = float(np.deg2rad(0.25))
+"""Way [rad] of such a joint after which a reading must differ: more than a count of a coarse encoder."""
+PATIENCE = 0.1
+"""Time [s] by which its readings may come later than they do."""
 RISE = 0.02
 """Time [s] in which a torque may rise from zero to its limit. Assumed: a sudden change of torque would jerk
 the joint."""
@@ -151,53 +149,46 @@ load is believed: the joint moves and its velocity does not show it."""
 
 
 @inlined
-def push_with_care(
-    i: int, given: float, inertia: float, first: float, late: float, period: float, answers: Answers
-) -> float:
-    """Returns the torque [N m] to send to servo `i`, whose readings repeat, in place of the torque `given`.
+def add_with_care(
+    i: int, given: float, push: float, inertia: float, fastest: float, late: float, period: float,
+    answers: Answers,
+) -> float:  # fmt: skip
+    """The torque [N m] to send to servo `i`, whose readings repeat, in place of the torque `given`: between
+    none and this one.
 
-    The encoder may be frozen and the joint free. So the torque goes above that under which the readings began
-    to repeat only in pushes. A push ends when a heavy free joint would have turned far enough to be noticed.
-    If no reading has answered it when it must have arrived, most of its momentum is taken back, whatever the
-    inertia, and the next push may be harder. `first` [N m] is the largest first push, and `late` [s] the time
-    until a reading can answer.
+    The encoder may be frozen and the joint free. So what is added to the torque under which the readings
+    began to repeat makes a free joint at most as fast as `UNSEEN` says, and a torque above `push` [N m] must
+    be answered `late` [s] after a heavy joint, which sticks by as much, would have turned.
     """
-    # less torque than before is no push
+    # less torque than before adds nothing
     base = min(max(answers.base[i], min(given, 0.0)), max(given, 0.0))
-    change, size, phase = given - base, answers.size[i], answers.phase[i]
-    if phase == PUSHES:
-        if answers.pushes[i] >= ENOUGH and abs(change) < HARDER * size:
-            return base
-        most = max(first, HARDER * size)
-        change = min(max(change, -most), most)
-        answers.pace[i] += period * change / (HEAVY * inertia)
-        answers.way[i] += period * answers.pace[i]
-        if abs(answers.way[i]) > NOTICED:
-            answers.phase[i], answers.spent[i], answers.size[i] = COASTS, 0.0, abs(change)
-            answers.pace[i] *= BRAKED
-        return base + change
-    answers.spent[i] += period
-    if phase == COASTS and answers.spent[i] > late:
-        answers.phase[i] = BRAKES
-    elif phase == BRAKES:
-        before = answers.pace[i]
-        least = min(size, HEAVY * inertia * abs(before) / period)
-        back = -least if before > 0.0 else least
-        answers.pace[i] += period * back / (HEAVY * inertia)
-        if abs(answers.pace[i]) < 1e-9:
-            answers.phase[i], answers.spent[i] = RESTS, 0.0
-        return base + back
-    elif phase == RESTS and answers.spent[i] > late:
-        answers.phase[i], answers.pace[i], answers.way[i] = PUSHES, 0.0, 0.0
-        answers.pushes[i] += 1.0
-    return base
+    change = given - base
+    way, asked = (1.0 if change > 0.0 else -1.0), abs(change)
+    most = fastest * (UNSEEN * min(asked / push, 1.0) + (MORE if asked > push else 0.0))
+    room = max(most - way * answers.pace[i], 0.0) if answers.spent[i] == 0.0 else 0.0
+    added = min(asked, room * inertia / period)
+    if answers.stood[i] > SLEEPS:
+        added = min(added, STRONGEST * push)
+    closed = added < 0.01 * asked
+    answers.withheld[i] = asked if closed and asked <= push else 0.0
+    answers.pace[i] += period * way * added / inertia
+    answers.tried[i] = max(answers.tried[i], added)
+    gained, heavy = period / (HEAVY * inertia), answers.heavy[i]
+    sticks = max(abs(heavy) - gained * push, 0.0)
+    answers.heavy[i] = heavy + gained * way * added if added > push else (sticks if heavy > 0.0 else -sticks)
+    answers.way[i] += period * answers.heavy[i]
+    if abs(answers.way[i]) > NOTICED or (closed and asked > push):
+        answers.spent[i] += period
+        if answers.spent[i] > late + PATIENCE:
+            answers.unanswered[i] = answers.tried[i]
+    return base + way * added
 
 
 @compiled(
     void(
         views(1, int64), record(Measured, *6 * [writes(1)]), record(Limits, *8 * [writes(1)]), views(1),
-        views(1), record(Times, *5 * [float64]), boolean, record(Memory, *5 * [writes(1)]),
-        record(Answers, *9 * [writes(1)]),
+        views(1), record(Times, *5 * [float64]), boolean, float64, record(Memory, *5 * [writes(1)]),
+        record(Answers, *10 * [writes(1)]),
     )
 )  # fmt: skip
 def limit_torques(
@@ -208,6 +199,7 @@ def limit_torques(
     halts: Array,
     times: Times,
     drives: bool,
+    push: float,
     memory: Memory,
     answers: Answers,
 ) -> None:
@@ -226,6 +218,7 @@ def limit_torques(
             from larger or from smaller angles, where another link is.
         times: When this was measured.
         drives: False if torques may only brake.
+        push: Share of a torque limit that may be added to a joint at rest before it moves.
         memory: Commanded torques, and what is kept from one period to the next.
         answers: How readings answered the torques so far.
     """
@@ -241,15 +234,13 @@ def limit_torques(
         fastest = limits.velocity[k]
         if elapsed > 0.0:
             if q != answers.place[i] or v != memory.before[i]:
-                answers.stood[i] = answers.phase[i] = answers.pace[i] = answers.way[i] = 0.0
-                answers.size[i] = answers.pushes[i] = 0.0
+                answers.stood[i] = answers.pace[i] = answers.heavy[i] = answers.way[i] = 0.0
+                answers.spent[i] = answers.tried[i] = answers.unanswered[i] = answers.withheld[i] = 0.0
             else:
                 if answers.stood[i] == 0.0:
                     answers.base[i] = measured.between[i] / elapsed
                 answers.stood[i] += elapsed
             answers.place[i] = q
-        careful = answers.stood[i] > SLEEPS
-        if elapsed > 0.0 and not careful:
             seen = (inertia * (v - memory.before[i]) - measured.between[i]) / elapsed
             seen = min(max(seen, -most), most)
             grows = seen * memory.load[i] >= 0.0 and abs(seen) > abs(memory.load[i])
@@ -290,8 +281,6 @@ def limit_torques(
                 brake = way * back if back < 0.0 else brake
                 continue
             if way * risen > 0.0:
-                if careful and answers.size[i] > 0.0:
-                    bound = max(bound, way * answers.base[i] + HARDER * answers.size[i])
                 given = way * max(min(abs(risen) * min(left / FADE, 1.0), bound), 0.0)
             # if angles repeat, or move opposite to the velocity, braking would drive the joint
             if bound < 0.0 < speed and mean != 0.0 and mean * v >= -0.5 * v * v:
@@ -300,8 +289,8 @@ def limit_torques(
                 least = -(2.0 - share) * inertia * ends / late - share * max(net, 0.0)
                 # twice what the links alone need: a motor has inertia too
                 brake = way * max(bound - inertia * max(ahead - safe, 0.0) / late, least)
-        if careful and drives and halts[i] == 0.0:
-            given = push_with_care(i, given, inertia, inertia * fastest / late, late, times.period, answers)
+        if answers.stood[i] > 0.0 and drives and halts[i] == 0.0:
+            given = add_with_care(i, given, push * most, inertia, fastest, late, times.period, answers)
         if brake != 0.0:
             given = trust[k] * min(max(brake, -most), most)
         memory.given[i] = min(max(given, -most), most)

@@ -1,0 +1,314 @@
+"""Tries `tci` on the thirty public models of `strangers.toml`, a list fixed before any of them was read.
+
+    python tools/strangers.py DIR [NAME]...
+
+DIR holds the models, outside the repository: DIR/OWNER+NAME is a checkout of each GitHub repository of the
+list, and what is on PyPI is downloaded to DIR/pypi. Each model goes through new-robot, check,
+check --simulate and the five lines of the README. Then the description is compared with the list,
+written by hand, and with MuJoCo (MJCF) or Pinocchio (URDF) on the untouched file: poses of the arms'
+links (0.01 degrees, 0.1 mm), limits, masses (0.1 %). If new-robot refuses a model and names an option, the
+option is tried with the value of the list; that is one more line in the result. Results stay in
+OUT/strangers/NAME.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+import tomllib
+import zipfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pinocchio
+from report import ROOT, commit, out
+
+from tci.messages.frames import Array
+from tci.robot.description import Robot
+from tci.robot.joint_map import joint_map
+from tci.robot.kinematics import KinematicChain
+from tci.robot.model_file import compiled, load_spec
+from tci.robot.xml import read_robot
+
+LIST = ROOT / "tools" / "strangers.toml"
+TCI = (sys.executable, "-c", "from tci.cli.main import main; main()")
+FIVE_LINES = """
+import sys, tci
+with tci.connect(sys.argv[1], "sim") as driver:
+    driver.world.finger.poke(sys.argv[2], int(sys.argv[3]))
+    print(tci.run(driver, tci.WithdrawalReflex(), duration=1.0))
+"""
+POSTURES, SEED = 20, 46
+ANGLE, PLACE, MASS, LIMIT = np.deg2rad(0.01), 1e-4, 1e-3, 1e-4
+"""Bars: angle [rad] and place [m] of a link, share of the mass, position limit [rad]."""
+
+
+class Untouched:
+    """The model as MuJoCo or Pinocchio reads the maker's own file."""
+
+    def __init__(self, file: Path) -> None:
+        self.limits: dict[str, tuple[float, float, float, float]] = {}
+        """Lower and upper limit [rad], torque and speed limit of each joint; infinite if unknown."""
+        if file.suffix.lower() == ".urdf":
+            self._pin = pinocchio.buildModelFromUrdf(str(file))
+            self._pin_data = self._pin.createData()
+            self.mass = float(sum(one.mass for one in self._pin.inertias))
+            for index, name in enumerate(self._pin.names[1:], 1):
+                v, q, turns = self._pin.idx_vs[index], self._pin.idx_qs[index], self._pin.nqs[index] == 2
+                low = -np.inf if turns else self._pin.lowerPositionLimit[q]
+                high = np.inf if turns else self._pin.upperPositionLimit[q]
+                self.limits[name] = (low, high, self._pin.effortLimit[v], self._pin.velocityLimit[v])
+        else:
+            self._pin = None
+            self._model = mujoco.MjModel.from_xml_path(str(file))
+            self._data = mujoco.MjData(self._model)
+            moving = set(self._model.body_rootid[self._model.jnt_bodyid])
+            tops = [index for index in range(1, self._model.nbody) if self._model.body_parentid[index] == 0]
+            self.mass = float(sum(self._model.body_subtreemass[top] for top in tops if top in moving))
+            for index in range(self._model.njnt):
+                bounded = self._model.jnt_limited[index]
+                low, high = self._model.jnt_range[index] if bounded else (-np.inf, np.inf)
+                self.limits[self._model.joint(index).name] = (float(low), float(high), np.inf, np.inf)
+
+    def pose(self, angles: dict[str, float], link: str, base: str) -> Array:
+        """Returns the pose (4, 4) [m] of `link` in the frame of `base`."""
+        if self._pin is None:
+            self._data.qpos[:] = 0.0
+            for index in range(self._model.njnt):
+                if self._model.jnt_type[index] == mujoco.mjtJoint.mjJNT_FREE:
+                    self._data.qpos[self._model.jnt_qposadr[index] + 3] = 1.0
+            for name, angle in angles.items():
+                self._data.qpos[self._model.joint(name).qposadr[0]] = angle
+            mujoco.mj_kinematics(self._model, self._data)
+            poses = []
+            for name in (base, link):
+                T = np.eye(4)
+                T[:3, :3] = self._data.body(name).xmat.reshape(3, 3)
+                T[:3, 3] = self._data.body(name).xpos
+                poses.append(T)
+        else:
+            q = pinocchio.neutral(self._pin)
+            for name, angle in angles.items():
+                index = self._pin.getJointId(name)
+                place = self._pin.idx_qs[index]
+                if self._pin.nqs[index] == 2:
+                    q[place : place + 2] = np.cos(angle), np.sin(angle)
+                else:
+                    q[place] = angle
+            pinocchio.framesForwardKinematics(self._pin, self._pin_data, q)
+            poses = [self._pin_data.oMf[self._frame(name)].homogeneous for name in (base, link)]
+        return np.asarray(np.linalg.inv(poses[0]) @ poses[1])
+
+    def _frame(self, link: str) -> int:
+        return int(self._pin.getFrameId(link, pinocchio.FrameType.BODY))
+
+
+def differences(line: dict[str, Any], robot: Robot, file: Path) -> Iterator[str]:
+    """Yields what differs between a description, the line written by hand and the untouched file."""
+    model, own = Untouched(file), robot.model
+    assert own is not None
+    chain, rng = KinematicChain(robot), np.random.default_rng(SEED)
+    for side, sign in zip(("left", "right"), line["elbow"], strict=True):
+        part = robot.part(f"{side}_arm")
+        joints = ["" if one.servo is None else str(robot.servos[one.servo].joint) for one in part.servos]
+        if joints != line[side]:
+            yield f"{part.name} is {joints}; by hand {line[side]}"
+            return
+        bent = [
+            joint_map(robot, part.name).to_robot(np.array([0, 0, 0, angle, 0]), np.zeros(len(robot.servos)))
+            for angle in (0.0, 0.5)
+        ]
+        moved = bent[1][3] - bent[0][3]
+        if np.sign(moved) != sign:
+            yield f"{part.name}: the elbow bends with {moved:+.2f}; by hand {sign:+d}"
+    bare = compiled(load_spec(own), own)
+    links = [
+        bare.body(int(bare.joint(name).bodyid[0])).name
+        for side in ("left", "right")
+        for name in line[side]
+        if name
+    ]
+    low = np.array(
+        [-1.0 if one.limits.lower is None else max(one.limits.lower, -3.0) for one in robot.servos]
+    )
+    high = np.array([1.0 if one.limits.upper is None else min(one.limits.upper, 3.0) for one in robot.servos])
+    turned = shifted = 0.0
+    for _ in range(POSTURES):
+        position = rng.uniform(low, high)
+        angles = {
+            joint.joint: joint.multiplier * position[servo.index] + joint.offset
+            for servo in robot.servos if servo.joint for joint in servo.joints
+        }  # fmt: skip
+        poses = chain.poses(position, [own.torso_link, *links])
+        base = np.linalg.inv(poses[own.torso_link])
+        for link in links:
+            away = np.linalg.inv(model.pose(angles, link, own.torso_link)) @ base @ poses[link]
+            turned = max(turned, float(np.arccos(np.clip((np.trace(away[:3, :3]) - 1) / 2, -1, 1))))
+            shifted = max(shifted, float(np.linalg.norm(away[:3, 3])))
+    if turned > ANGLE or shifted > PLACE:
+        yield f"poses differ by {np.rad2deg(turned):.3f} degrees, {1e3 * shifted:.2f} mm"
+    for servo in robot.servos:
+        if servo.joint in model.limits:
+            yield from _limits(servo, model.limits[servo.joint])
+    mass = float(bare.body_mass.sum())
+    for other, whose in ((model.mass, "of the file"), (line["mass"], "by hand")):
+        if abs(mass - other) > MASS * other:
+            yield f"mass {mass:.3f} kg; {whose} {other:.3f} kg"
+
+
+def _limits(servo: Any, limits: tuple[float, float, float, float]) -> Iterator[str]:
+    low, high, torque, speed = limits
+    ours, assumed = servo.limits, servo.limits.assumed
+    for name, mine, theirs in (("lower", ours.lower, low), ("upper", ours.upper, high)):
+        if (
+            np.isfinite(theirs)
+            and mine is not None
+            and "position" not in assumed
+            and abs(mine - theirs) > LIMIT
+        ):
+            yield f"{servo.joint}: {name} limit {mine:.4f}; of the file {theirs:.4f}"
+    for name, mine, theirs in (("torque", ours.torque, torque), ("velocity", ours.velocity, speed)):
+        known = np.isfinite(theirs) and mine is not None and name not in assumed
+        if known and abs(mine - theirs) > MASS * max(theirs, 1e-3):
+            yield f"{servo.joint}: {name} limit {mine:.4f}; of the file {theirs:.4f}"
+
+
+def _tci(*words: str, limit: float = 600.0) -> tuple[Any, str]:
+    """Returns the JSON of a command, or None with its error."""
+    try:
+        done = subprocess.run(
+            [*TCI, *words, "--json"], capture_output=True, text=True, timeout=limit, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return None, f"took longer than {limit:g} s"
+    try:
+        told = json.loads(done.stdout)
+    except json.JSONDecodeError:
+        lines = [line for line in done.stderr.splitlines() if line.strip() and "WARNING" not in line]
+        return None, " ".join(lines)[-2000:] or f"exit status {done.returncode}"
+    if "error" not in told:
+        return told, ""
+    faults = [fault["message"] for fault in told.get("faults", ())]
+    return None, "; ".join(faults) or json.dumps(told)
+
+
+def _proposed(line: dict[str, Any], file: Path, target: Path) -> tuple[Any, list[str], list[str]]:
+    """Runs new-robot, and once more for each option that a refusal names. Returns its output, the options
+    and the refusals."""
+    options: list[str] = []
+    refusals: list[str] = []
+    advice = {
+        "--without-meshes": ["--without-meshes"],
+        "--arms": ["--arms", f"{line['left'][0]},{line['right'][0]}"],
+        "--elbow": ["--elbow", str(line["elbow"][0])],
+        "--fingers none": ["--fingers", "none"],
+    }
+    while True:
+        words = ["new-robot", str(file), "--name", line["name"], "--out", str(target), "--force", *options]
+        told, error = _tci(*words)
+        if told is not None:
+            return told, options, refusals
+        refusals.append(" ".join(error.split()))
+        offered = next(
+            (more for name, more in advice.items() if name in error and name.split()[0] not in options), None
+        )
+        if offered is None:
+            return None, options, refusals
+        options += offered
+
+
+def try_one(line: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Runs all commands on one model, and returns what they said."""
+    begin = time.perf_counter()
+    file = folder / _place(line["source"]) / line["file"]
+    target = file.parent / f"tci-{line['name']}.robot.xml"
+    result: dict[str, Any] = {"name": line["name"], "commit": commit(), "file": line["file"]}
+    if not file.is_file():
+        return result | {"missing": str(file)}
+    told, result["options"], result["refusals"] = _proposed(line, file, target)
+    if told is not None:
+        result["told"] = told
+        robot = read_robot(target)
+        result["wrong"] = list(differences(line, robot, file))
+        for name, words in (("check", ["check"]), ("simulated", ["check", "--simulate"])):
+            checked, error = _tci(*words, str(target))
+            faults = [error] if checked is None else checked["faults"]
+            if checked and name == "simulated":
+                faults = [*faults, *checked["simulated"]["faults"]]
+            result[name] = {"faults": faults, "doubts": [] if checked is None else checked["doubts"]}
+        result["five_lines"], result["ran"] = _five_lines(robot, target)
+    result["whole"] = told is not None and not (
+        result["wrong"] or result["check"]["faults"] or result["simulated"]["faults"]
+    ) and result["ran"]  # fmt: skip
+    result["seconds"] = round(time.perf_counter() - begin, 1)
+    return result
+
+
+def _five_lines(robot: Robot, target: Path) -> tuple[str, bool]:
+    patches = [one for one in robot.patches if one.name.endswith("_forearm")] or list(robot.patches)
+    if not patches:
+        return "no skin", False
+    words = [sys.executable, "-c", FIVE_LINES, str(target), patches[0].name, str(len(patches[0].taxels) // 2)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=600, check=False)
+    said = done.stdout.strip() or done.stderr.strip()[-600:]
+    return said, done.returncode == 0 and "moved" in said
+
+
+def _place(source: str) -> str:
+    kind, _, name = source.partition(":")
+    return "pypi" if kind == "pypi" else name.partition("@")[0].replace("/", "+")
+
+
+def fetch_pypi(lines: Sequence[dict[str, Any]], folder: Path) -> None:
+    """Downloads the packages of the list that lie on PyPI, and unpacks them to `folder`/pypi."""
+    for package in sorted(
+        {line["source"].removeprefix("pypi:") for line in lines if "pypi:" in line["source"]}
+    ):
+        wheels, place = folder / "wheels" / package, folder / "pypi"
+        if not list(wheels.glob("*.whl")):
+            words = ["-m", "pip", "download", "--no-deps", "--only-binary=:all:", "-d", str(wheels), package]
+            subprocess.run([sys.executable, *words], check=True)
+            for wheel in wheels.glob("*.whl"):
+                zipfile.ZipFile(wheel).extractall(place)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path, metavar="DIR")
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    asked = parser.parse_args()
+    lines = tomllib.loads(LIST.read_text())["model"]
+    lines = [line for line in lines if not asked.names or line["name"] in asked.names]
+    folder = asked.folder.resolve()
+    fetch_pypi(lines, folder)
+    target = out() / "strangers"
+    target.mkdir(exist_ok=True)
+    results = []
+    for line in lines:
+        result = try_one(line, folder)
+        (target / f"{line['name']}.json").write_text(json.dumps(result, indent=1))
+        results.append(result)
+        said = "whole" if result.get("whole") else _what(result)
+        print(f"{line['name']}: {said}", flush=True)
+    print(f"{sum(bool(one.get('whole')) for one in results)} of {len(results)} run to the end and agree")
+
+
+def _what(result: dict[str, Any]) -> str:
+    if "missing" in result:
+        return f"not there: {result['missing']}"
+    if "told" not in result:
+        return f"refused: {result['refusals'][-1]}"
+    faults = [*result["wrong"], *result["check"]["faults"], *result["simulated"]["faults"]]
+    return "; ".join(faults if result["ran"] else [*faults, f"five lines: {result['five_lines']}"])
+
+
+if __name__ == "__main__":
+    main()

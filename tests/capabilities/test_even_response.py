@@ -14,9 +14,9 @@ from tci.capabilities import default_fields
 from tci.messages import Contacts
 from tci.testing import TouchedRobot
 
-REFUSED = {"nao": 0.05, "talos": 0.05}
+REFUSED = {"nao": 0.05}
 """Fraction of touches that may be refused, 2 % on the other robots: at full size it is 4.6 % on NAO's upper
-arm and 2.9 % on Talos' forearm."""
+arm."""
 
 
 @pytest.mark.parametrize("name", ROBOTS)

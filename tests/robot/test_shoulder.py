@@ -9,8 +9,10 @@ import pytest
 
 from helpers import small_robot
 from tci.errors import DescriptionError
+from tci.robot.catalogue import load_robot
 from tci.robot.description import GenericServo, Robot, Segment, Term
 from tci.robot.joint_map import joint_map
+from tci.robot.shoulder import shoulder_of
 
 POSITION = np.random.default_rng(0).uniform(-0.5, 0.5, 10)
 ELBOWS = [
@@ -59,3 +61,39 @@ def test_what_no_shoulder_can_be_built_from_is_told(tmp_path: Path) -> None:
     )
     with pytest.raises(DescriptionError, match="two of its successive axes are parallel"):
         joint_map(robot.model_copy(update={"digest": "parallel"}), "left_arm")
+
+
+def apart(one: np.ndarray, other: np.ndarray) -> float:
+    return float(np.arccos(np.clip((np.trace(one.T @ other) - 1.0) / 2.0, -1.0, 1.0)))
+
+
+@pytest.mark.parametrize("name", ["talos", "g1", "alex"])
+def test_beyond_the_limits_no_posture_nearby_is_nearer_to_what_is_wanted(name: str) -> None:
+    shoulder, chance, ended = shoulder_of(load_robot(name), "left_arm"), np.random.default_rng(0), 0
+    for _ in range(300):
+        near = chance.uniform(shoulder.lower, shoulder.upper)
+        wanted = shoulder.rotation(near + chance.uniform(-0.4, 0.4, 3))
+        asked = shoulder.best(wanted, near)
+        angles = np.clip(asked, shoulder.lower, shoulder.upper)
+        if not np.any(asked != angles) or abs(np.sin(angles[1])) < 0.1:
+            continue
+        ended += 1
+        least = apart(shoulder.rotation(angles), wanted)
+        for step in np.vstack([0.02 * np.eye(3), -0.02 * np.eye(3)]):
+            beside = np.clip(angles + step, shoulder.lower, shoulder.upper)
+            assert apart(shoulder.rotation(beside), wanted) > least - 1e-4
+    assert ended > 30
+
+
+def test_a_hanging_arm_goes_to_the_limit_without_turning_about_itself() -> None:
+    """Talos' first and third axis are parallel there: whatever one turns, the other can turn back."""
+    shoulder = shoulder_of(load_robot("talos"), "left_arm")
+    near = np.deg2rad([-18.5, 5.3, -10.0])
+    for across in np.deg2rad([-15.0, -10.0]):
+        for along in np.deg2rad([0.0, 2.0, 4.0]):
+            x, y = np.cos([across, along])
+            tilt = np.array([[1.0, 0.0, 0.0], [0.0, x, -np.sin(across)], [0.0, np.sin(across), x]])
+            tilt = np.array([[y, 0.0, np.sin(along)], [0.0, 1.0, 0.0], [-np.sin(along), 0.0, y]]) @ tilt
+            asked = shoulder.best(tilt @ shoulder.rotation(near), near)
+            assert asked[1] < shoulder.lower[1]
+            assert np.abs(asked - near)[[0, 2]].max() < np.deg2rad(25.0)

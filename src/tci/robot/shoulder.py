@@ -94,7 +94,8 @@ class Shoulder:
         self._squares = self._crosses @ self._crosses
         first, second, third = self.axes
         aside = np.cross(third, second)
-        arrays = self.axes, aside, np.cross(first, second), self._at_zero.T @ third, self._at_zero.T @ aside
+        in_U = self._at_zero.T
+        arrays = self.axes, aside, np.cross(first, second), in_U @ third, in_U @ aside, in_U
         self._arrays = ShoulderArrays(
             *[read_only(np.ascontiguousarray(one)) for one in (*arrays, self.lower, self.upper)]
         )
@@ -124,8 +125,8 @@ class Shoulder:
         return [*found[: solve(np.ascontiguousarray(R_TU), self._arrays, found)]]
 
     def best(self, R_TU: Array, near: Array) -> Array:
-        """Returns the solution (3,) [rad] that violates the limits least. If several solutions violate the
-        limits equally, returns the solution nearest to `near` (3,) [rad]."""
+        """The solution (3,) [rad] that violates the limits least; of equal ones the nearest to `near` (3,)
+        [rad]. If a joint has to stop at a limit, the others go where the upper arm is nearest to `R_TU`."""
         best = np.empty(3)
         solve_near(
             np.ascontiguousarray(R_TU), np.ascontiguousarray(near), self._arrays, np.empty((2, 3)), best

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import UnknownNameError
-from tci.gate.felt import Felt, FeltForces
-from tci.gate.following import CLEAR, PROGRESS, Following
+from tci.gate.contact.felt import Felt, FeltForces
+from tci.gate.contact.following import CLEAR, PROGRESS, Following
 from tci.gate.joint_monitor import Reference
 from tci.messages import Answer, Contacts, JointReading, Met
 from tci.messages.frames import Array

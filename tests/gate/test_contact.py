@@ -19,7 +19,7 @@ from helpers.squeezed import draw, squeeze
 from tci.body.generic_body import GenericBody, order_to_platform
 from tci.capabilities.capability import Capability
 from tci.errors import CommandError, UnknownNameError
-from tci.gate.contact.reaction import ContactSettings
+from tci.gate.contact.settings import ContactSettings
 from tci.gate.gate import Gate, GateSettings, GateState
 from tci.messages import (
     Contacts,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from tci.support.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from tci.gate.contact.reaction import ContactSettings as ContactSettings
+    from tci.gate.contact.settings import ContactSettings as ContactSettings
     from tci.gate.gate import Gate as Gate
     from tci.gate.joint_monitor import MonitorSettings as MonitorSettings
     from tci.gate.safe_command import GateState as GateState

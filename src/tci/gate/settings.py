@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from tci.errors import TciError
-from tci.gate.contact.reaction import ContactSettings
+from tci.gate.contact.settings import ContactSettings
 from tci.gate.joint_monitor import MonitorSettings
 from tci.gate.self_collision import MARGIN as BODY_MARGIN
 

@@ -1,0 +1,89 @@
+"""Whether a group of servos meets something: a joint is held, or one that nobody commands is bent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.gate.contact.felt import Felt
+from tci.gate.contact.following import CLEAR
+from tci.gate.contact.settings import ContactSettings
+from tci.gate.joint_monitor import Reference
+from tci.messages import JointReading
+from tci.messages.frames import Array
+
+AT_REST = 0.6
+"""Fraction of `held` at which a joint counts as held once its reference has rested for `lag` and a little:
+nothing lags then, so less tells more."""
+EARLIER = 0.15
+"""Time [s] by which the way back ends before the contact was seen: by then the joint was not held yet."""
+TWICE = 2
+"""Successive readings that must show it: a single one may be late."""
+
+
+class Seen(NamedTuple):
+    """What a new reading says of one group."""
+
+    joints: JointReading
+    reference: Reference
+    servos: NDArray[np.intp]
+    """Its servos (k,)."""
+    here: Array
+    """Where its joints are (k,) [rad]."""
+    pull: Array
+    """By how much each is behind its reference (k,) [rad]; 0 if that is little."""
+    own: NDArray[np.bool_]
+    """Which of them follow a reference (k,)."""
+    worst: int
+    """The one that follows least."""
+    error: float
+    """By how much [rad]."""
+    felt: Felt
+    loosest: int
+    """The servo that nobody commands and that left its place by most."""
+    bent: float
+    """By how much [rad]."""
+
+
+@dataclass(slots=True)
+class Noticing:
+    """What successive readings of one group showed."""
+
+    outside: int = 0
+    """Successive readings that show something."""
+    since: float = 0.0
+    """When the first of them was measured [s]."""
+    clear: float = -np.inf
+    """When nothing held any of its joints last [s]."""
+    held: bool = False
+    """A joint that follows a reference is held, by the latest reading."""
+
+    def look(self, seen: Seen, settings: ContactSettings, *, moves: bool, rests: bool) -> None:
+        """Notes a reading. The group `moves`, or did a moment ago, or `rests` for so long that nothing lags
+        any more."""
+        self.held = seen.error > settings.held * (AT_REST if rests else 1.0)
+        if seen.error < CLEAR * settings.held:
+            self.clear = seen.joints.stamp
+        # somebody who moves it while the others rest does so on purpose
+        bent = moves and seen.bent > settings.held
+        self.outside = self.outside + 1 if self.held or bent else 0
+        if self.outside == 1:
+            self.since = seen.joints.stamp
+
+    def nothing(self, stamp: float) -> None:
+        """Notes a reading in which every joint is near its reference."""
+        self.outside, self.clear = 0, stamp
+
+    def forget(self) -> None:
+        self.outside, self.clear = 0, -np.inf
+
+    @property
+    def sure(self) -> bool:
+        return self.outside >= TWICE
+
+    def before(self, lag: float) -> float:
+        """Time [s] at which nothing was met yet."""
+        return min(self.since - EARLIER, self.clear - lag)

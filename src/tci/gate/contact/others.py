@@ -1,0 +1,50 @@
+"""Several persons: a way back from the first must not press a second."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from tci.gate.contact.noticing import TWICE, Seen
+from tci.messages.frames import Array
+
+FELT_LATE = 0.2
+"""Time [s] by which skin feels later whom a joint already told: frames of 50 Hz, conditioned."""
+ROOM = 0.2
+"""Fraction of the way to the first person by which a part leaves a second one, whom it met on its way back:
+at 0.5 it pressed the first again where they stand 5 mm apart, at 0 the second."""
+
+
+class First:
+    """Whom a group met first, so that whoever else it meets on its way back is told from them."""
+
+    def __init__(self, contacts: Mapping[int, Array], seen: Seen, now: float) -> None:
+        """`contacts` are the normals (3,) of those that it met, by their identity; empty if only joints told
+        of them, until skin feels them, too."""
+        self._contacts, self._begun = contacts, now
+        self._there, self._pull = seen.here, seen.pull
+        self._pressed = seen.pull != 0.0
+        self._behind = 0
+
+    def meets_another(
+        self, seen: Seen, goal: Array, side: Array, *, held: float, felt: float, now: float
+    ) -> bool:
+        """True if the way back to `goal` (k,) [rad] loads somebody else: with more than `felt` [N] and more
+        than the first still bears, or so that a joint is held, by `held` [rad], where it goes. `side`
+        (n_servos,) is where each joint pushes."""
+        where = seen.reference.servos == seen.worst
+        mine = seen.servos == seen.worst
+        way = goal[mine] - seen.reference.position[where]
+        goes = float(seen.reference.velocity[where][0])
+        # not while it brakes
+        ahead = goes * side[seen.worst] > 0.0 and goes * float(way[0]) > 0.0
+        self._pressed &= seen.pull * self._pull > 0.0
+        ahead = ahead and not self._pressed[mine].any()
+        self._behind = self._behind + 1 if ahead and seen.error > held else 0
+        if not self._contacts and now - self._begun < FELT_LATE:
+            self._contacts = seen.felt.of(())
+        first, another = seen.felt.other_than(self._contacts)
+        return self._behind >= TWICE or another > max(felt, first)
+
+    def room(self, here: Array) -> Array:
+        """Where the group goes from the second, a little towards the first (k,) [rad]."""
+        return here + ROOM * (self._there - here)

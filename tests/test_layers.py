@@ -35,7 +35,7 @@ LAYERS = (
 )
 """Folders and files of the core in layers, from the bottom to the top. Files of one layer may import each
 other."""
-PLUGS = ("shared", "wires", "sources", "datasets", "learn")
+PLUGS = ("shared", "wires", "sources", "datasets", "batch", "learn")
 """What plugs into the core: each may import the core, and a wire or a source also `shared`."""
 TOP = "lab", "cli"
 """May import everything below; `lab` must not import `cli`."""

@@ -35,7 +35,7 @@ TRACE = 60_000
 FINGER = "tci_finger_base"
 """Name of the body that contains the whole finger."""
 _TIP = FINGER_TIP
-_PARKED = np.array([0.0, 0.0, -20.0])
+PARKED = np.array([0.0, 0.0, -20.0])
 _SHAFT = 0.06
 _COLOUR = (0.85, 0.55, 0.45, 1.0)
 _OVERLAP = 5e-4
@@ -52,7 +52,7 @@ def add_finger(spec: mujoco.MjSpec, *, step: float, radius: float = RADIUS) -> N
     The finger's base can be placed anywhere. The tip slides along the z axis of the base.
     """
     plain = neutral(spec)
-    base = spec.worldbody.add_body(name=FINGER, mocap=True, pos=_PARKED)
+    base = spec.worldbody.add_body(name=FINGER, mocap=True, pos=PARKED)
     tip = base.add_body(name=_TIP, gravcomp=1.0)
     tip.add_joint(plain, name=_TIP, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
     tip.add_geom(
@@ -113,14 +113,14 @@ class Finger:
         self.radius = float(model.geom_size[self._geom, 0])
         """Radius of the tip [m]."""
         self._tip = model.body(_TIP).id
-        self._mocap = int(model.body(FINGER).mocapid[0])
-        self._qpos = int(model.joint(_TIP).qposadr[0])
-        self._dof = int(model.joint(_TIP).dofadr[0])
-        self._actuator = model.actuator(_TIP).id
+        self.mocap = int(model.body(FINGER).mocapid[0])
+        self.qpos = int(model.joint(_TIP).qposadr[0])
+        self.dof = int(model.joint(_TIP).dofadr[0])
+        self.actuator = model.actuator(_TIP).id
         self.state = np.zeros(1, POKE)
         """State and measurements of the finger."""
         self._poke: Any = self.state[0]
-        self._poke["actuator"], self._poke["sensor"] = self._actuator, model.sensor(_TIP).adr[0]
+        self._poke["actuator"], self._poke["sensor"] = self.actuator, model.sensor(_TIP).adr[0]
         self._poke["leads"] = DAMPING / STIFFNESS
         self.traced = np.empty((TRACE, 3))
         """Ring buffer (steps, 3) of the last steps: time [s], contact force [N], and distance [m] that the
@@ -131,8 +131,8 @@ class Finger:
     def retire(self) -> None:
         """Removes the finger at once and clears its measurements."""
         data = self._physics.data
-        data.mocap_pos[self._mocap] = _PARKED
-        data.qpos[self._qpos] = data.qvel[self._dof] = data.ctrl[self._actuator] = 0.0
+        data.mocap_pos[self.mocap] = PARKED
+        data.qpos[self.qpos] = data.qvel[self.dof] = data.ctrl[self.actuator] = 0.0
         self._poke["active"] = 0
         self._clear()
         self._physics.touch()
@@ -235,8 +235,8 @@ class Finger:
         """Moves the finger's base at once by `way` [m] out of the skin, opposite to the direction of the
         poke."""
         outward = np.empty(3)
-        mujoco.mju_rotVecQuat(outward, [0.0, 0.0, -1.0], self._physics.data.mocap_quat[self._mocap])
-        self._physics.data.mocap_pos[self._mocap] += way * outward
+        mujoco.mju_rotVecQuat(outward, [0.0, 0.0, -1.0], self._physics.data.mocap_quat[self.mocap])
+        self._physics.data.mocap_pos[self.mocap] += way * outward
         self._physics.touch()
 
     def _start(self, point: Array, outward: Array, speed: float, depth: float, gap: float) -> None:
@@ -244,11 +244,11 @@ class Finger:
             if not (np.isfinite(value) and value >= 0.0 and (value > 0.0 or name != "speed")):
                 raise CommandError(f"{name} {value}; valid: finite, at least 0, and a speed above 0")
         data = self._physics.data
-        data.mocap_pos[self._mocap] = point + (self.radius + gap) * outward
-        mujoco.mju_quatZ2Vec(data.mocap_quat[self._mocap], -outward)
+        data.mocap_pos[self.mocap] = point + (self.radius + gap) * outward
+        mujoco.mju_quatZ2Vec(data.mocap_quat[self.mocap], -outward)
         # The tip starts at full speed. Otherwise the tip would oscillate on the spring.
-        data.qpos[self._qpos] = 0.0
-        data.qvel[self._dof] = speed
+        data.qpos[self.qpos] = 0.0
+        data.qvel[self.dof] = speed
         self._clear()
         one = self._poke
         one["active"], one["path"], one["end"] = 1, 0.0, gap + depth
@@ -277,10 +277,10 @@ class Finger:
         tip to `patch`.
         """
         data = self._physics.data
-        data.qpos[self._qpos] = gap + _PRESSED
+        data.qpos[self.qpos] = gap + _PRESSED
         self._physics.touch()
         others = [name for name in self._unfelt() if name != patch]
-        data.qpos[self._qpos] = 0.0
+        data.qpos[self.qpos] = 0.0
         self._physics.touch()
         self._physics.refresh()  # or a reading before the next step would contain the torques of this touch
         if others:

@@ -251,7 +251,7 @@ def press(patch: int, skin: Arrays) -> tuple[int, int]:
 
 
 @inlined
-def _counts(pressure: float, begin: int, end: int, nodes: Array, per_count: float) -> float:
+def counts_of(pressure: float, begin: int, end: int, nodes: Array, per_count: float) -> float:
     """Returns the deviation of a raw value from rest [counts] for a pressure [Pa]. The sensor's response
     curve is in the columns `begin` to `end` - 1 of `nodes` (deviations and pressures). Without a curve, the
     deviation is the pressure divided by the absolute value of `per_count` [Pa/count]."""
@@ -297,7 +297,7 @@ def sample(patch: int, step: int, skin: Arrays) -> int:
             values[at] += load[0, k] / area / one.shear_per_count
             values[at + 1] += load[1, k] / area / one.shear_per_count
         pressure = load[PRESSING, k] / area
-        values[at + axes - 1] += sign * _counts(pressure, one.node, one.nodes, nodes, one.per_count)
+        values[at + axes - 1] += sign * counts_of(pressure, one.node, one.nodes, nodes, one.per_count)
         latest[j] = k
         load[0, k] = load[1, k] = load[PRESSING, k] = load[MARK, k] = 0.0
     return int(found)

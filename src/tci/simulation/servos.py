@@ -60,7 +60,7 @@ class Servos:
         """Index of each moving joint's angle in `qpos`."""
         self._dofs = np.array([joint.dofadr[0] for joint in joints], dtype=np.intp)
         self._actuators = np.array([model.actuator(joint.name).id for joint in joints], dtype=np.intp)
-        self._ramp_steps = float(max(1, round(period / physics.step)))
+        self.ramp_steps = float(max(1, round(period / physics.step)))
         limits = [robot.servos[index].limits for index in self.moving]
         speed = np.array([np.inf if limit.velocity is None else limit.velocity for limit in limits])
         self.drives = np.zeros(len(moving), at.DRIVE)
@@ -73,7 +73,7 @@ class Servos:
         drives["ratio"] = [one.multiplier for _, one in driven]
         drives["shift"] = [one.offset for _, one in driven]
         speed = speed * np.abs(drives["ratio"])
-        self._top = speed * physics.step
+        self.top = speed * physics.step
         drives["lag"] = speed * 2.0 * TIME_CONSTANT
         self._targets, self._torques = self.asked["target"], self.asked["torque"]
         self._setpoint, self._stride = drives["setpoint"], drives["stride"]
@@ -146,7 +146,7 @@ class Servos:
         """Sets targets `angles` (k,) [rad]. Raises CommandError for an invalid servo or angle."""
         if not (_plain(servos, _INDEX) and _plain(angles, _NUMBER) and len(servos) == len(angles)):
             servos, angles = _checked(servos, angles, len(self._home))
-        if at.aim(servos, angles, self._top, self._ramp_steps, self.drives, self.asked):
+        if at.aim(servos, angles, self.top, self.ramp_steps, self.drives, self.asked):
             _checked(servos, angles, len(self._home))  # raises the error
 
     def set_stiffness(self, servos: ArrayLike, share: ArrayLike) -> None:

@@ -101,7 +101,7 @@ _step, _forward = _bring("mj_step"), _bring("mj_forward")
 
 
 @inlined
-def _follow(drives: Records, asked: Records) -> None:
+def follow(drives: Records, asked: Records) -> None:
     """Moves the set-points of all moving joints towards the targets of their servos, by the motion of one
     step."""
     for i in range(len(drives)):
@@ -112,7 +112,7 @@ def _follow(drives: Records, asked: Records) -> None:
 
 
 @inlined
-def _drive(qpos: Array, ctrl: Array, drives: Records, asked: Records, ahead: float) -> None:
+def drive(qpos: Array, ctrl: Array, drives: Records, asked: Records, ahead: float) -> None:
     """Writes the inputs of the servos' actuators into MuJoCo's `ctrl`, for set-points that have moved on by
     `ahead` further steps at the present speed. `qpos` contains MuJoCo's joint angles."""
     for i in range(len(drives)):
@@ -136,7 +136,7 @@ def _let_hang(carried: Array, applied: Array, drives: Records) -> None:
 
 
 @inlined
-def _push(time: float, ctrl: Array, finger: Any) -> None:
+def push(time: float, ctrl: Array, finger: Any) -> None:
     """Moves the base of the finger along its path, by the motion of the step that begins at `time` [s].
     Writes the input of the finger's actuator into MuJoCo's `ctrl`."""
     wanted = finger.speed * (time - finger.begin)
@@ -147,7 +147,7 @@ def _push(time: float, ctrl: Array, finger: Any) -> None:
 
 
 @inlined
-def _note(time: float, sensors: Array, finger: Any, trace: Array) -> None:
+def note_tip(time: float, sensors: Array, finger: Any, trace: Array) -> None:
     """Records the contact of the finger's tip in a step that began at `time` [s]: updates the state `finger`
     (`POKE`), and writes time [s], contact force [N] and distance [m] into the next row of `trace`."""
     at = finger.sensor
@@ -207,25 +207,25 @@ def march(
     due = begin
     for number in range(begin, end):
         time = number * step
-        _follow(drives, asked)
-        _drive(qpos, ctrl, drives, asked, 0.0)
+        follow(drives, asked)
+        drive(qpos, ctrl, drives, asked, 0.0)
         if tool.active:
-            _push(time, ctrl, tool)
+            push(time, ctrl, tool)
         if len(carried):
             _let_hang(carried, applied, drives)
         guide(number, step, ctrl, hands)
         _step(model, data)
         if tool.active:
-            _note(time, sensors, tool, trace)
+            note_tip(time, sensors, tool, trace)
         note(number, step, sensors, hands)
         if number + 1 < min(due, end):
             continue
         # Torques and forces on the skin depend on the inputs of servos, finger and hands. Those of the
         # previous step would brake a stiff servo in motion, and leave the pads of a hand behind its base. So
         # torques and forces are computed with the inputs of the next step.
-        _drive(qpos, ctrl, drives, asked, 1.0)
+        drive(qpos, ctrl, drives, asked, 1.0)
         if tool.active:
-            _push((number + 1) * step, ctrl, tool)
+            push((number + 1) * step, ctrl, tool)
         guide(number + 1, step, ctrl, hands)
         if number + 1 < due:
             continue

@@ -208,6 +208,16 @@ class World:
         return meetings(self._physics, self._skin.torso)
 
     @property
+    def servos(self) -> Servos:
+        """The servos, for whoever steps copies of this world (`tci.batch`)."""
+        return self._servos
+
+    @property
+    def taxels(self) -> Taxels:
+        """The tables of the skin, for whoever steps copies of this world."""
+        return self._taxels
+
+    @property
     def people(self) -> tuple[Person, ...]:
         return tuple(self._people.values())
 
@@ -283,6 +293,10 @@ class World:
     def refresh(self) -> None:
         """Updates poses and contacts in `data` to the current joint angles. Later steps are not affected."""
         self._physics.refresh()
+
+    def touch_physics(self) -> None:
+        """Marks poses, contacts and sensors as out of date, after a change of `data` from outside."""
+        self._physics.touch()
 
     @exclusive
     def moment(self) -> tuple[float, mujoco.MjData]:

@@ -110,7 +110,7 @@ def _response(counts: float, nodes: Array, first: int, end: int) -> float:
 
 
 @inlined
-def _pressure(deviation: float, i: int, patch: Records, layout: LayoutArrays) -> float:
+def pressure_of(deviation: float, i: int, patch: Records, layout: LayoutArrays) -> float:
     """Returns the pressure [Pa] at a `deviation` [counts] of taxel `i` of the whole skin."""
     counts = np.float64(deviation)
     if patch.node < patch.node_end:
@@ -137,7 +137,7 @@ def _list_active(
         )
         if not (active or smoothing):
             continue
-        pressure = _pressure(deviation, i, patch, layout) if active else 0.0
+        pressure = pressure_of(deviation, i, patch, layout) if active else 0.0
         if smoothing:
             before = memory.smoothed[i]
             pressure = before + share * (pressure - before) if share < 1.0 else pressure

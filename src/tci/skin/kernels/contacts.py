@@ -105,8 +105,8 @@ def _grow(
     return int(size), strong
 
 
-@compiled(returns(int64, int64, int64)(ACTIVE, LIMITS, reads(1), LAYOUT, CLUSTERS))
-def cluster(
+@inlined
+def find_clusters(
     state: ActiveTaxels, limits: Limits, onset: Array, layout: LayoutArrays, clusters: Clusters
 ) -> tuple[int, int, int]:
     """Finds clusters of neighbouring active taxels, and writes them to `clusters`. Two active neighbours are
@@ -154,6 +154,14 @@ def cluster(
     for c in range(count):
         single += clusters.bound[c + 1] - clusters.bound[c] == 1
     return count, clusters.bound[count], single
+
+
+@compiled(returns(int64, int64, int64)(ACTIVE, LIMITS, reads(1), LAYOUT, CLUSTERS))
+def cluster(
+    state: ActiveTaxels, limits: Limits, onset: Array, layout: LayoutArrays, clusters: Clusters
+) -> tuple[int, int, int]:
+    """`find_clusters`, to be called from Python."""
+    return find_clusters(state, limits, onset, layout, clusters)
 
 
 @inlined
@@ -312,8 +320,8 @@ def _write_taxels(
     out.begin[c + 1] = to
 
 
-@compiled(void(LAYOUT, reads(1), CLUSTERS, reads(3), reads(2), writes(1, from_dtype(SUMMARY)), CONTACTS))
-def describe(
+@inlined
+def describe_clusters(
     layout: LayoutArrays, hidden: Array, clusters: Clusters, poses: Array, posture: Array, summary: Records,
     out: ContactArrays,
 ) -> None:  # fmt: skip
@@ -347,3 +355,12 @@ def describe(
             found = order[k]
             _write(p, summary[found], T_TL, out.rows[k])
             _write_taxels(k, p, found, T_SL, layout, clusters, out)
+
+
+@compiled(void(LAYOUT, reads(1), CLUSTERS, reads(3), reads(2), writes(1, from_dtype(SUMMARY)), CONTACTS))
+def describe(
+    layout: LayoutArrays, hidden: Array, clusters: Clusters, poses: Array, posture: Array, summary: Records,
+    out: ContactArrays,
+) -> None:  # fmt: skip
+    """`describe_clusters`, to be called from Python."""
+    describe_clusters(layout, hidden, clusters, poses, posture, summary, out)

@@ -1,0 +1,20 @@
+"""Many worlds with skin, stepped together: on processors by `mujoco.batch`, on a GPU by mujoco-warp.
+
+`make_worlds` makes them. `formulas` and the loops of one world (`tci.simulation`, `tci.skin`) are what both
+engines compute.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tci.support.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from tci.batch.limiter import BatchLimiter as BatchLimiter
+    from tci.batch.make import make_worlds as make_worlds
+    from tci.batch.scene import BatchScene as BatchScene
+    from tci.batch.scene import batch_scene as batch_scene
+    from tci.batch.worlds import Worlds as Worlds
+else:
+    __all__, __getattr__, __dir__ = lazy_names(__name__)

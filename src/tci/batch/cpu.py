@@ -1,0 +1,214 @@
+"""Worlds on the processor: `mujoco.batch`, which steps them in threads, in double precision."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import ArrayLike
+
+from tci.batch import loops
+from tci.batch.limiter import BatchLimiter
+from tci.batch.scene import BatchScene
+from tci.batch.worlds import Ids, Worlds
+from tci.errors import CommandError, TciError
+from tci.messages.contacts import CONTACT, TAXEL, Contacts
+from tci.messages.frames import Array, frozen
+from tci.simulation.finger import DAMPING, STIFFNESS
+from tci.simulation.finger import PARKED as FINGER_PARKED
+from tci.simulation.stepping import POKE
+from tci.skin.kernels.arrays import Clusters
+from tci.skin.kernels.contacts import SUMMARY
+from tci.support.engine import mujoco
+
+MOST = 16
+"""Contacts of one world at a time."""
+
+
+class MujocoWorlds(Worlds):
+    """Worlds that equal `World` bit for bit, apart from the time at which a frame is there.
+
+    Args:
+        scene: The scene.
+        count: Number of worlds.
+        threads: Threads of the physics; 0 for one per processor.
+        skin: False leaves taxels and contacts out; the physics stays the same.
+    """
+
+    def __init__(self, scene: BatchScene, count: int, *, threads: int = 0, skin: bool = True) -> None:
+        super().__init__(scene, count)
+        world, layout = scene.world, scene.body.layout
+        self.batch = Batch(scene.model, count, threads)
+        """MuJoCo's batch, for direct access between two steps."""
+        batch: Any = self.batch
+        self._qpos, self._qvel, self._ctrl = batch.qpos, batch.qvel, batch.ctrl
+        self._sensors, self._centres, self._turns = batch.sensordata, batch.xpos, batch.xmat
+        self._drives = np.repeat(world.servos.drives[None], count, axis=0)
+        self._asked = np.repeat(world.servos.asked[None], count, axis=0)
+        self._pokes = np.repeat(world.finger.state, count)
+        self._row = np.zeros((1, 3))
+        self._wanted = np.full((count, len(scene.robot.servos)), np.nan)
+        self._limiter = BatchLimiter(
+            scene.bounds, np.repeat(world.servos.asked["target"][None], count, axis=0), period=scene.period
+        )
+        self._every = int(world.servos.ramp_steps)
+        shared = world.taxels.arrays
+        self._rows = shared[3].copy()
+        self._skins = (
+            self._sensors, self._centres, self._turns, self._rows, *shared[4:8],
+            *(np.array(one) for one in shared[8:]),
+        )  # fmt: skip
+        n, p = scene.taxels, len(layout.sites)
+        self._force, self._numbers = np.zeros((count, n)), np.zeros((count, p), np.int64)
+        self._felt = (
+            self._force, np.zeros((count, n), np.int32), np.zeros((count, n)), self._numbers,
+            np.zeros((count, p), np.int64),
+        )  # fmt: skip
+        self._clusters = Clusters(
+            np.zeros(n), np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(p, np.int64),
+            np.zeros(n + 1, np.int32), np.zeros(n, np.int32), np.zeros(n),
+        )  # fmt: skip
+        self._found = (
+            np.zeros((count, MOST), CONTACT), np.zeros((count, MOST + 1), np.int64),
+            np.zeros((count, n), TAXEL), np.zeros(count, np.int64),
+        )  # fmt: skip
+        self._links = scene.torso, np.ascontiguousarray(scene.T_LT), scene.bodies
+        self._work = (
+            np.zeros((len(scene.bodies) + 1, 4, 4)), np.zeros(p + 1, np.int64), np.zeros(n, np.int32),
+            np.zeros(n), np.zeros(MOST, SUMMARY),
+        )  # fmt: skip
+        self._limits = scene.body.settings.contacts.limits
+        self._skin = skin
+        self.frames = 0
+        """Frames of skin so far, of whichever patches."""
+        self.reset()
+
+    def reset(self, worlds: ArrayLike | None = None) -> None:
+        ids, world = self.ids(worlds), self.scene.world
+        self.batch.reset(ids, stage=0)
+        self._qpos[ids] = world.data.qpos
+        self._qvel[ids] = 0.0
+        self._drives[ids], self._asked[ids] = world.servos.drives, world.servos.asked
+        self._ctrl[ids] = world.data.ctrl
+        self._wanted[ids] = np.nan
+        self._limiter.reset(ids, np.repeat(world.servos.asked["target"][None], len(ids), axis=0))
+        self.retire(ids)
+        for one in self._felt:
+            one[ids] = 0
+        self._found[3][ids] = 0
+        if worlds is None:
+            self.steps = 0
+            self._rows["count"], self._rows["due"] = -1, 0
+        self.batch.forward(ids)
+
+    def retire(self, worlds: ArrayLike | None = None) -> None:
+        """Removes the fingers of some worlds, or of all."""
+        ids, finger = self.ids(worlds), self.scene.world.finger
+        batch: Any = self.batch
+        batch.mocap_pos[ids, finger.mocap] = FINGER_PARKED
+        self._qpos[ids, finger.qpos] = self._qvel[ids, finger.dof] = self._ctrl[ids, finger.actuator] = 0.0
+        self._pokes[ids] = self.scene.world.finger.state[0]
+        self._pokes["active"][ids] = 0
+
+    def advance(self, duration: float) -> None:
+        last = self.steps + math.ceil(duration / self.scene.step - 1e-6)
+        while self.steps < last:
+            number, time = self.steps, self.steps * self.scene.step
+            if number % self._every == 0:
+                sent = self._limiter.step(self._wanted)
+                loops.aim(sent, self.scene.world.servos.top, float(self._every), self._drives, self._asked)
+            loops.prepare(time, self._qpos, self._ctrl, self._drives, self._asked, self._pokes)
+            due = self._skin and number >= self._rows["due"].min(initial=number + 1)
+            before = self._qpos.copy() if due else self._qpos
+            self.batch.step()
+            loops.note(time, self._sensors, self._pokes, self._row)
+            self.steps = number + 1
+            if due:
+                self._feel(number, before)
+
+    def _feel(self, number: int, qpos: Array) -> None:
+        """Takes the frames that are due at the beginning of a step, which is over now; the joints were at
+        `qpos` then."""
+        layout, estimates = self.scene.body.layout.arrays, self.scene.estimates
+        full = loops.feel(number, self._skins, layout, estimates, self._felt)
+        if full > 0:
+            raise TciError(f"world {full - 1}: too many contacts on one patch at once")
+        self.frames += 1
+        touched = np.flatnonzero(self._numbers.any(axis=1))
+        posture = np.zeros((self.count, max(len(self.scene.body.layout.parts), 1), 4))
+        if len(touched):
+            angles = self._servo_angles(qpos[touched], self._asked["target"][touched])
+            for row, part in enumerate(self.scene.body.layout.parts):
+                one = self.scene.body.joint_maps[part]
+                posture[touched, row] = [one.to_generic(position)[:4] for position in angles]
+        full = loops.find(
+            self._centres, self._turns, self._links, posture, layout, estimates, self._limits, self._clusters,
+            self._felt, self._found, *self._work,
+        )  # fmt: skip
+        if full:
+            raise TciError(f"world {full - 1}: more than {MOST} contacts at once")
+
+    def send(self, targets: ArrayLike) -> None:
+        given = np.asarray(targets, dtype=float)
+        if given.shape != self._wanted.shape or np.isinf(given).any():
+            raise CommandError(f"targets of shape {given.shape}; valid: {self._wanted.shape}, finite or NaN")
+        self._wanted[:] = given
+
+    @property
+    def joints(self) -> Array:
+        return self._servo_angles(self._qpos, self._asked["target"])
+
+    def _servo_angles(self, qpos: Array, targets: Array) -> Array:
+        """Angles (k, n) [rad] of all servos at MuJoCo's `qpos`; one without a joint is at its target."""
+        first, angles = self.scene.world.servos.drives[::-1], targets.copy()  # several joints: the first
+        angles[:, first["servo"]] = (qpos[:, first["address"]] - first["shift"]) / first["ratio"]
+        return angles
+
+    @property
+    def set_points(self) -> Array:
+        """Set-points (N, n) [rad] of the limiter."""
+        return self._limiter.sent
+
+    @property
+    def force(self) -> Array:
+        return self._force
+
+    @property
+    def finger_force(self) -> Array:
+        """Contact force (N,) [N] on the tip of each finger in the latest step."""
+        force: Array = self._pokes["force"]
+        return force
+
+    def contacts(self, world: int) -> Contacts:
+        """Contacts of one world in its latest frames, as a perceiver finds them; without identities."""
+        rows, begin, taxels, counts = self._found
+        count = int(counts[world])
+        kept = begin[world, : count + 1].copy() if count else np.zeros(1, np.int64)
+        stamps = frozen(self._rows["taken"] * self.scene.step)
+        sequence = frozen(self._rows["count"].copy())
+        return Contacts(
+            self.scene.body.layout.sites, stamps, sequence, rows[world, :count].copy(), kept,
+            taxels[world, : kept[-1]].copy(),
+        )  # fmt: skip
+
+    def _link_poses(self, bodies: Ids, worlds: Ids) -> tuple[Array, Array]:
+        self.batch.forward(worlds, stage=int(mujoco.mjtStage.mjSTAGE_POS))
+        return self._centres[worlds, bodies], self._turns[worlds, bodies].reshape(-1, 3, 3)
+
+    def _place_fingers(
+        self, worlds: Ids, at: Array, way: Array, speed: Array, depth: Array, gap: float
+    ) -> None:
+        finger, batch = self.scene.world.finger, self.batch
+        quats = np.empty((len(worlds), 4))
+        for quat, one in zip(quats, way, strict=True):
+            mujoco.mju_quatZ2Vec(quat, one)
+        fields: Any = batch
+        fields.mocap_pos[worlds, finger.mocap], fields.mocap_quat[worlds, finger.mocap] = at, quats
+        self._qpos[worlds, finger.qpos], self._qvel[worlds, finger.dof] = 0.0, speed
+        pokes = np.repeat(finger.state, len(worlds)).astype(POKE)
+        pokes["active"], pokes["path"], pokes["end"] = 1, 0.0, gap + depth
+        pokes["begin"], pokes["speed"], pokes["depth"] = self.time, speed, depth
+        pokes["leads"] = DAMPING / STIFFNESS
+        self._pokes[worlds] = pokes

@@ -1,0 +1,129 @@
+"""Many worlds of one robot, stepped together: what every engine offers."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tci.batch.scene import BatchScene
+from tci.errors import CommandError, UnknownNameError
+from tci.messages.frames import Array
+
+Engine = Literal["mujoco", "warp"]
+Ids = NDArray[np.intp]
+
+
+class Worlds(ABC):
+    """N worlds of one robot with servos, skin and a finger each. Make them with `make_worlds`.
+
+    All worlds share time. A frame of skin is taken in the step of the physics that begins at its stamp, and
+    is there one step later.
+    """
+
+    def __init__(self, scene: BatchScene, count: int) -> None:
+        if count < 1:
+            raise CommandError(f"{count} worlds; valid: 1 or more")
+        self.scene, self.count = scene, count
+        self.steps = 0
+        """Steps of the physics since the start."""
+        starts = scene.body.layout.starts
+        self.places: dict[str, slice] = {
+            name: slice(int(starts[p]), int(starts[p + 1])) for name, p in scene.body.layout.places.items()
+        }
+        """Columns of each patch in arrays of taxels."""
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return self.steps * self.scene.step
+
+    @abstractmethod
+    def advance(self, duration: float) -> None:
+        """Steps all worlds by `duration` [s], rounded up to whole steps. Raises TciError if a patch has
+        more contacts at a time than its sensor can report."""
+
+    @abstractmethod
+    def send(self, targets: ArrayLike) -> None:
+        """Sets the targets (N, n) [rad] of all servos; the limiter goes there. NaN keeps the last one."""
+
+    @property
+    @abstractmethod
+    def joints(self) -> Array:
+        """Present angles (N, n) [rad] of all servos."""
+
+    @property
+    @abstractmethod
+    def force(self) -> Array:
+        """Normal force (N, taxels) [N] on each taxel in the latest frames."""
+
+    @abstractmethod
+    def reset(self, worlds: ArrayLike | None = None) -> None:
+        """Puts some worlds, or all, back at their start, without a finger."""
+
+    @abstractmethod
+    def _place_fingers(
+        self, worlds: Ids, at: Array, way: Array, speed: Array, depth: Array, gap: float
+    ) -> None:
+        """Starts pokes at points (k, 3) [m] along directions (k, 3), both in the world frame."""
+
+    @abstractmethod
+    def _link_poses(self, bodies: Ids, worlds: Ids) -> tuple[Array, Array]:
+        """Present positions (k, 3) [m] and orientations (k, 3, 3) of one body in each of some worlds."""
+
+    def poke(
+        self,
+        patches: str | Sequence[str],
+        taxels: ArrayLike,
+        *,
+        speed: ArrayLike = 0.25,
+        depth: ArrayLike = 0.01,
+        gap: float = 0.004,
+        worlds: ArrayLike | None = None,
+    ) -> None:
+        """Starts a poke in each of some worlds, or in all: `Finger.poke` without its look whether there is
+        room. See there for `speed` [m/s], `depth` [m] and `gap` [m]; one value, or one per world.
+
+        Raises UnknownNameError for an unknown patch, and CommandError for an invalid number.
+        """
+        ids = self.ids(worlds)
+        names = [patches] * len(ids) if isinstance(patches, str) else [*patches]
+        index = np.broadcast_to(np.asarray(taxels, dtype=np.intp), ids.shape)
+        if len(names) != len(ids):
+            raise CommandError(
+                f"{len(names)} patches for {len(ids)} worlds; valid: one for each, or one name"
+            )
+        surfaces = self.scene.world.surfaces
+        points, normals, bodies = (
+            np.empty((len(ids), 3)),
+            np.empty((len(ids), 3)),
+            np.empty(len(ids), np.intp),
+        )
+        for k, (name, taxel) in enumerate(zip(names, index.tolist(), strict=True)):
+            if name not in surfaces:
+                raise UnknownNameError("skin patch", name, surfaces)
+            surface = surfaces[name]
+            if not 0 <= taxel < len(surface.positions):
+                raise CommandError(f"taxel {taxel} of {name}; valid: 0 to {len(surface.positions) - 1}")
+            points[k], normals[k] = surface.positions[taxel], surface.normals[taxel]
+            bodies[k] = self.scene.model.body(surface.link).id
+        fast, deep = (np.broadcast_to(np.asarray(one, dtype=float), ids.shape) for one in (speed, depth))
+        if not (np.isfinite(fast) & (fast > 0.0) & np.isfinite(deep) & (deep >= 0.0)).all() or not gap >= 0.0:
+            raise CommandError("speeds, depths and gap of pokes; valid: finite, at least 0, a speed above 0")
+        p, R = self._link_poses(bodies, ids)
+        at = p + np.einsum("kij,kj->ki", R, points)
+        out = np.einsum("kij,kj->ki", R, normals)
+        radius = self.scene.world.finger.radius
+        self._place_fingers(ids, at + (radius + gap) * out, -out, fast, deep, gap)
+
+    def ids(self, worlds: ArrayLike | None) -> Ids:
+        """Indices (k,) of some worlds, or of all. Raises CommandError for one that is not there."""
+        if worlds is None:
+            return np.arange(self.count)
+        ids = np.atleast_1d(np.asarray(worlds, dtype=np.intp))
+        if len(ids) and not (ids.min() >= 0 and ids.max() < self.count):
+            raise CommandError(f"worlds {ids.tolist()}; valid: 0 to {self.count - 1}")
+        return ids

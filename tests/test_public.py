@@ -101,7 +101,7 @@ def test_types_of_public_attributes_are_public() -> None:
     assert not {name: kinds for name, kinds in found.items() if kinds}
 
 
-MADE_BY_TCI = {"DataSet", "Reach", "JointMap", "DriverInfo", "RunResult"}
+MADE_BY_TCI = {"BatchScene", "DataSet", "Reach", "JointMap", "DriverInfo", "RunResult"}
 """Records whose constructors TCI calls."""
 CALLED_BY_TCI = "probe"
 """A driver's method: TCI calls it with the robot that it has loaded."""
@@ -149,6 +149,8 @@ ROBOTS: dict[str, Callable[[Any, Path], Any]] = {
     "met": lambda robot, _: tci.capabilities.Need("skin").met(robot),
     "skin_of": lambda robot, _: [one.name for one in tci.capabilities.Need("skin").skin_of(robot)],
     "TouchEnv": lambda robot, _: BY_NAME["TouchEnv"](robot).policy,
+    "batch_scene": lambda robot, _: BY_NAME["batch_scene"](robot).taxels,
+    "make_worlds": lambda robot, _: BY_NAME["make_worlds"](robot, 1).joints,
     "simulate": lambda robot, _: BY_NAME["simulate"](robot, duration=0.01, cores=1)[0].world,
 }
 """A short use of each public call that takes a robot, by the last part of its name."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from ruckig import InputParameter, Ruckig, Trajectory
 
-from tci.batch import BatchLimiter
+from tci.batch.limiter import BatchLimiter
 from tci.gate.bounds import Bounds, bounds_of
 from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
@@ -21,6 +21,10 @@ def arm(name: str) -> Bounds:
     robot = load_robot(name)
     servos = [joint.servo for joint in robot.part("left_arm").servos if joint.servo is not None]
     return bounds_of(robot, servos, speed_share=0.9)[0]
+
+
+def rows(bounds: Bounds) -> Array:
+    return np.array([bounds.lower, bounds.upper, bounds.velocity, bounds.acceleration, bounds.jerk])
 
 
 def ruckig_time(bounds: Bounds, state: Array, target: Array) -> float:
@@ -41,7 +45,7 @@ def test_motions_keep_all_limits_and_arrive(name: str) -> None:
     """A million ticks with new targets at any time, some of them outside the limits."""
     bounds, chance, worlds = arm(name), np.random.default_rng(3), 200
     start = chance.uniform(bounds.lower, bounds.upper, (worlds, len(bounds.lower)))
-    limiter, wanted = BatchLimiter(bounds, start, period=PERIOD), start.copy()
+    limiter, wanted = BatchLimiter(rows(bounds), start, period=PERIOD), start.copy()
     last, slack, ticks = limiter.states.copy(), 1.0 + 1e-9, 0
     reach = np.array([bounds.lower, bounds.upper])
     while ticks < 1_000_000 // 3 + 1:
@@ -73,7 +77,7 @@ def test_motions_take_as_long_as_those_of_the_gate() -> None:
     for name, worlds in (("nao", 400), ("icub", 400), ("g1", 450)):
         bounds, chance = arm(name), np.random.default_rng(4)
         start = chance.uniform(bounds.lower, bounds.upper, (worlds, len(bounds.lower)))
-        limiter = BatchLimiter(bounds, start, period=PERIOD)
+        limiter = BatchLimiter(rows(bounds), start, period=PERIOD)
         for _ in range(8):
             wanted = chance.uniform(bounds.lower, bounds.upper, start.shape)
             before = limiter.states.copy()

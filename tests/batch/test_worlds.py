@@ -21,7 +21,9 @@ ROBOTS = ("nao", "icub", "g1")
 
 @pytest.fixture(scope="module", params=ROBOTS)
 def worlds(request: pytest.FixtureRequest) -> MujocoWorlds:
-    return tci.batch.make_worlds(request.param, COUNT, threads=1)
+    made = tci.batch.make_worlds(request.param, COUNT, threads=1)
+    assert isinstance(made, MujocoWorlds)
+    return made
 
 
 def random_pokes(worlds: MujocoWorlds, chance: np.random.Generator) -> tuple[list[str], list[int]]:
@@ -120,3 +122,5 @@ def test_only_the_worlds_that_are_meant_are_poked_and_reset(worlds: MujocoWorlds
 def test_what_batches_do_not_have_is_said() -> None:
     with pytest.raises(TciError, match="people"):
         tci.batch.make_worlds("nao", 2, people=1)
+    with pytest.raises(UnknownNameError, match="valid: mujoco, warp"):
+        tci.batch.make_worlds("nao", 2, engine="isaac")  # type: ignore[arg-type]

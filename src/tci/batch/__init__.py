@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from tci.support.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from tci.batch.limiter import BatchLimiter as BatchLimiter
+    from tci.batch.cpu import MujocoWorlds as MujocoWorlds
     from tci.batch.make import make_worlds as make_worlds
     from tci.batch.scene import BatchScene as BatchScene
     from tci.batch.scene import batch_scene as batch_scene

@@ -51,7 +51,7 @@ class MujocoWorlds(Worlds):
         self._row = np.zeros((1, 3))
         self._wanted = np.full((count, len(scene.robot.servos)), np.nan)
         self._limiter = BatchLimiter(
-            scene.bounds, np.repeat(world.servos.asked["target"][None], count, axis=0), period=scene.period
+            scene.limits, np.repeat(world.servos.asked["target"][None], count, axis=0), period=scene.period
         )
         self._every = int(world.servos.ramp_steps)
         shared = world.taxels.arrays

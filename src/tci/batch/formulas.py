@@ -89,8 +89,7 @@ def is_eased(d: float, v: float, a: float, most: float, jerk: float) -> bool:
 
 def ease_of(d: float, v: float, a: float, most: float, jerk: float) -> float:
     """Acceleration to which braking is eased so that it ends at the distance `d`."""
-    low = float(a)
-    high = 0.0
+    low, high = a, 0.0 * a  # a plain 0.0 would be a constant to Warp
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         if eased_way(v, a, middle, most, jerk) < d:
@@ -103,11 +102,9 @@ def ease_of(d: float, v: float, a: float, most: float, jerk: float) -> float:
 def speed_of(d: float, v: float, a: float, fastest: float, most: float, jerk: float) -> float:
     """Peak speed, within `fastest`, of the way to rest at the distance `d`, for `a` <= 0."""
     ends = v - a * a / (2.0 * jerk)
-    low = float(max(ends, 0.0))
-    high = float(max(fastest, low))
+    low, high = max(ends, 0.0), max(fastest, ends)
     if d <= way_of(v, a, 0.0, most, jerk):
-        low = float(min(-fastest, ends))
-        high = float(min(ends, 0.0))
+        low, high = min(-fastest, ends), min(ends, 0.0)
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         if over_peak(v, a, middle, most, jerk) < d:

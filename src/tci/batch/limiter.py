@@ -9,7 +9,6 @@ from numba import float64, int64
 from numpy.typing import NDArray
 
 from tci.batch import formulas
-from tci.gate.bounds import Bounds
 from tci.messages.frames import Array
 from tci.support.compiled import compiled, inlined, reads, views, writes
 
@@ -114,11 +113,10 @@ def advance(
 class BatchLimiter:
     """Set-points of N worlds within the limits of n servos."""
 
-    def __init__(self, bounds: Bounds, start: Array, *, period: float) -> None:
-        """Rests at `start` (N, n) [rad]; a step takes `period` [s]."""
-        limits = bounds.lower, bounds.upper, bounds.velocity, bounds.acceleration, bounds.jerk
-        known = np.isfinite(np.array(limits)).all(axis=0)
-        self._limits = [np.where(known, one, 0.0) for one in limits]
+    def __init__(self, limits: Array, start: Array, *, period: float) -> None:
+        """Rests at `start` (N, n) [rad], with the `limits` (5, n) of a `BatchScene`; a step takes `period`
+        [s]."""
+        self._limits = [*np.ascontiguousarray(limits)]
         self._period = period
         self._goals = np.array(start, dtype=float)
         self.states = np.zeros((*start.shape, 3))

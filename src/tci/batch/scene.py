@@ -9,15 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.body.generic_body import GenericBody
-from tci.body.perceiver import Perceiver
 from tci.errors import TciError
-from tci.gate.bounds import Bounds, bounds_of
+from tci.gate.bounds import bounds_of
 from tci.gate.settings import GateSettings
-from tci.messages import Reading
 from tci.messages.frames import Array, frozen
 from tci.robot.description import Robot
 from tci.robot.like import RobotLike, as_robot
 from tci.simulation.world import World
+from tci.skin.conditioning import Conditioner
 from tci.skin.kernels.arrays import Estimates
 from tci.support.engine import mujoco
 
@@ -36,8 +35,9 @@ class BatchScene:
     """One world, from which all tables come; it stays at its start."""
     estimates: Estimates
     """Of the skin at rest."""
-    bounds: Bounds
-    """Limits of all servos, with the share of their speeds that the gate leaves."""
+    limits: Array
+    """Lowest and highest angles [rad], speeds [rad/s], accelerations [rad/s2] and jerks [rad/s3] (5, n) of
+    all servos, as the gate permits them; zeros for a servo whose limits are not known."""
     period: float
     """Time [s] between two targets of the servos."""
     torso: int
@@ -70,6 +70,7 @@ def batch_scene(robot: RobotLike, *, step: float = 0.002, **world: Any) -> Batch
     one, body = World(robot, step=step, **world), GenericBody(robot)
     period = one.servos.ramp_steps * one.step
     bounds, _ = bounds_of(robot, range(len(robot.servos)), speed_share=GateSettings().speed_share)
+    limits = np.array([bounds.lower, bounds.upper, bounds.velocity, bounds.acceleration, bounds.jerk])
     model = robot.model
     assert model is not None  # or there was no world
     return BatchScene(
@@ -78,7 +79,7 @@ def batch_scene(robot: RobotLike, *, step: float = 0.002, **world: Any) -> Batch
         model=one.model,
         world=one,
         estimates=_rested(one, body),
-        bounds=bounds,
+        limits=frozen(np.where(np.isfinite(limits).all(axis=0), limits, 0.0)),
         period=period,
         torso=one.model.body(model.torso_link).id,
         T_LT=frozen(np.array(model.T_LT)),
@@ -87,13 +88,11 @@ def batch_scene(robot: RobotLike, *, step: float = 0.002, **world: Any) -> Batch
 
 
 def _rested(world: World, body: GenericBody) -> Estimates:
-    """What a perceiver knows of the skin after a second without touch."""
-    perceiver, time = Perceiver(body), 0.0
-    while time < RESTED:
-        perceiver.step(Reading(world.joints(), world.frames()), time)
-        time += 0.01
-        world.advance(time)
-    for _ in range(len(body.layout.patches) * 2):
-        perceiver.step(Reading(world.joints(), world.frames()), time)
+    """What is known of the skin after a second without touch."""
+    conditioner = Conditioner(body.layout, body.settings.conditioning)
+    while world.time < RESTED:
+        conditioner.step(world.frames())
+        world.advance(world.time + 0.01)
+    conditioner.catch_up()
     world.reset()
-    return perceiver.estimates
+    return conditioner.estimates

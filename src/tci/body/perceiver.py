@@ -15,7 +15,6 @@ from tci.messages.frames import Array
 from tci.robot.joint_calibration import joint_calibration
 from tci.skin.conditioning import Conditioner, PatchHealth
 from tci.skin.contacts import ContactFinder
-from tci.skin.kernels.arrays import Estimates
 from tci.skin.send_on_delta import HoldLast
 
 
@@ -88,12 +87,6 @@ class Perceiver:
     def counts(self) -> dict[str, int]:
         """Returns the number of values and frames rejected so far: `values_dropped` and `frames_late`."""
         return {"values_dropped": self._conditioner.dropped, "frames_late": self._conditioner.late}
-
-    @property
-    def estimates(self) -> Estimates:
-        """What is known now of the taxels: rest values, noise, thresholds."""
-        self._conditioner.catch_up()
-        return self._conditioner.estimates
 
     @property
     def health(self) -> dict[str, PatchHealth]:

@@ -125,24 +125,25 @@ class World:
         self._physics = Physics(self._build())
         self._home = home
         period = 1.0 / robot.binding(MIDDLEWARE).rate if period is None else period
-        self._servos = Servos(self._physics, robot, home, period=period)
+        self.servos = Servos(self._physics, robot, home, period=period)
+        """For whoever steps copies of this world (`tci.batch`), as `taxels`."""
         through_joints = any(patch.through_joints for patch in robot.patches)
         self._outputs = JointTorques(self._physics, robot, stands=stands) if through_joints else None
         self._skin = PosedSkin(self._physics, robot.model, self.surfaces)
-        self._taxels = Taxels(
+        self.taxels = Taxels(
             self._physics, worn, self.surfaces, noise=noise, imperfection=imperfection,
             generator=self._generator,
         )  # fmt: skip
-        self.finger = Finger(self._physics, self._skin, self._taxels.unfelt)
+        self.finger = Finger(self._physics, self._skin, self.taxels.unfelt)
         """Finger that pokes the skin."""
         self._hands = Hands(self._physics, hands)
         self._hand_list = [Hand(self._hands, k, one, self.surfaces) for k, one in enumerate(hands.values())]
         left = iter(self._hand_list)
         self._people = {one.name: Person(one, {side: next(left) for side in one.hands}) for one in models}
         self._obstacles = {one.name: PlacedObstacle(self._physics, self._skin, one) for one in obstacles}
-        servos, finger = self._servos, self.finger
+        servos, finger = self.servos, self.finger
         self._arrays = (
-            (servos.drives, servos.asked), (finger.state, finger.traced), self._taxels.arrays,
+            (servos.drives, servos.asked), (finger.state, finger.traced), self.taxels.arrays,
         )  # fmt: skip
         self.reset()
 
@@ -208,16 +209,6 @@ class World:
         return meetings(self._physics, self._skin.torso)
 
     @property
-    def servos(self) -> Servos:
-        """The servos, for whoever steps copies of this world (`tci.batch`)."""
-        return self._servos
-
-    @property
-    def taxels(self) -> Taxels:
-        """The tables of the skin, for whoever steps copies of this world."""
-        return self._taxels
-
-    @property
     def people(self) -> tuple[Person, ...]:
         return tuple(self._people.values())
 
@@ -267,14 +258,14 @@ class World:
         """
         self._seed = self._seed if seed is None else _checked_seed(seed)
         self._generator.bit_generator.state = np.random.default_rng(self._seed).bit_generator.state
-        self._physics.reset(self._servos.addresses, self._servos.home)
-        self._servos.reset()
+        self._physics.reset(self.servos.addresses, self.servos.home)
+        self.servos.reset()
         self.finger.retire()
         for hand in self._hand_list:
             hand.retire()
         for obstacle in self._obstacles.values():
             obstacle.remove()
-        self._taxels.reset()
+        self.taxels.reset()
 
     @exclusive
     def show(self, angles: ArrayLike) -> None:
@@ -283,7 +274,7 @@ class World:
         given, count = np.asarray(angles, dtype=float), len(self.robot.servos)
         if given.shape != (count,) or not np.isfinite(given).all():
             raise CommandError(f"angles of shape {given.shape}; valid: ({count},), finite")
-        self._servos.show(given)
+        self.servos.show(given)
 
     @property
     def torso(self) -> Array:
@@ -311,7 +302,7 @@ class World:
         """
         last = math.ceil(until / self._physics.step - 1e-6)
         while self._physics.steps < last:
-            end = min(last, self._taxels.due) if self._taxels.noisy else last
+            end = min(last, self.taxels.due) if self.taxels.noisy else last
             for hand in self._hand_list:
                 hand.begin_waiting()
                 if hand.waiting:
@@ -319,7 +310,7 @@ class World:
                         end, max(math.ceil(hand.due / self._physics.step - 1e-6), self._physics.steps + 1)
                     )
             self._physics.advance(end, *self._arrays, self._hands.arrays)
-            if self._taxels.noisy or self._physics.steps < end:
+            if self.taxels.noisy or self._physics.steps < end:
                 self.frames()
 
     def set_position_targets(self, servos: ArrayLike, angles: ArrayLike) -> None:
@@ -327,49 +318,49 @@ class World:
 
         Raises CommandError for an invalid servo or angle.
         """
-        self._servos.set_position_targets(servos, angles)
+        self.servos.set_position_targets(servos, angles)
 
     def set_modes(self, servos: ArrayLike, modes: Sequence[Mode]) -> None:
         """Switches servos (k,) to control modes (k,). Raises CommandError for an invalid servo."""
-        self._servos.set_modes(servos, modes)
+        self.servos.set_modes(servos, modes)
 
     def set_torques(self, servos: ArrayLike, torque: ArrayLike) -> None:
         """Sets torques (k,) [N m] of servos in torque mode.
 
         Each torque is limited to the motor's limit. Raises CommandError for an invalid servo or torque.
         """
-        self._servos.set_torques(servos, torque)
+        self.servos.set_torques(servos, torque)
 
     def set_power(self, servos: ArrayLike, on: bool) -> None:
         """Switches servos (k,) on or off. A servo that is off exerts no torque.
 
         Servos that are switched on keep their current angles. Raises CommandError for an invalid servo.
         """
-        self._servos.set_power(servos, on)
+        self.servos.set_power(servos, on)
 
     def halt(self) -> None:
         """Stops all servos at their current angles. Servos in torque mode are switched to position mode."""
-        joints, _, _ = self._servos.measured()
+        joints, _, _ = self.servos.measured()
         servos = np.arange(len(joints))
-        modes = [Mode.POSITION if mode is Mode.TORQUE else mode for mode in self._servos.modes]
-        self._servos.set_modes(servos, modes)
-        self._servos.set_position_targets(servos, joints)
+        modes = [Mode.POSITION if mode is Mode.TORQUE else mode for mode in self.servos.modes]
+        self.servos.set_modes(servos, modes)
+        self.servos.set_position_targets(servos, joints)
 
     @property
     def stiffness(self) -> Array:
         """Full stiffness (n,) [N m/rad] of each servo. Assumed: all servos respond with one time constant
         (`servos.TIME_CONSTANT`)."""
-        return self._servos.stiffness
+        return self.servos.stiffness
 
     def set_stiffness(self, servos: ArrayLike, share: ArrayLike) -> None:
         """Sets fractions (k,) 0..1 of full stiffness. At 0 a servo exerts no torque. Raises CommandError for
         an invalid fraction."""
-        self._servos.set_stiffness(servos, share)
+        self.servos.set_stiffness(servos, share)
 
     def set_damping(self, servos: ArrayLike, share: ArrayLike) -> None:
         """Sets the additional damping of `servos` (k,): fractions `share` (k,) 0..1 of the critical damping
         at full stiffness. Raises CommandError for an invalid servo or fraction."""
-        self._servos.set_damping(servos, share)
+        self.servos.set_damping(servos, share)
 
     def joints(self) -> JointReading:
         """Returns exact current angles and velocities of all servos.
@@ -378,21 +369,21 @@ class World:
         detects touches through joint torques, the torques are those at the joints' outputs.
         """
         with self._physics.lock:
-            found = self._servos.measured()
+            found = self.servos.measured()
             return JointReading(
                 stamp=self.time,
                 sequence=self._physics.steps,
                 position=found[0],
                 velocity=found[1],
                 torque=found[2] if self._outputs is None else self._outputs.measured(found[0]),
-                modes=self._servos.modes,
-                powered=self._servos.powered,
+                modes=self.servos.modes,
+                powered=self.servos.powered,
             )
 
     def frames(self) -> tuple[SkinFrame, ...]:
         """Returns the latest frame of every patch, in the description's order of patches."""
         with self._physics.lock:
-            return self._taxels.frames()
+            return self.taxels.frames()
 
     @exclusive
     def contact_truth(self, patch: str) -> ContactTruth:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from tci.skin.contacts import ContactSettings as ContactSettings
     from tci.skin.health import HealthSettings as HealthSettings
     from tci.skin.isolated import IsolatedSettings as IsolatedSettings
+    from tci.skin.kernels.arrays import Estimates as Estimates
     from tci.skin.layout import SkinLayout as SkinLayout
     from tci.skin.layout import SkinPatch as SkinPatch
     from tci.skin.skin import Skin as Skin

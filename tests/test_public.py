@@ -27,9 +27,11 @@ INNER = {"Hands", "LayoutArrays", "Limits", "Physics", "PosedSkin"}
 """Tables of compiled loops and of the simulation, which only TCI makes and reads."""
 MEMORIES = {
     "Attention",
+    "FingerMemory",
     "GentleMemory",
     "GestureMemory",
     "Grip",
+    "LetGo",
     "PolicyMemory",
     "Posture",
     "StopMemory",

@@ -12,7 +12,7 @@ from PIL import Image, ImageSequence
 
 import tci
 from tci.body.places import find_place
-from tci.capabilities import default_fields
+from tci.capabilities import FingerReflex, default_fields
 from tci.drivers.simulated import SimulatedDriver
 from tci.lab.pictures.camera import fit, look_at
 from tci.lab.pictures.film import EVERY, LAST, SHOWN, Film
@@ -191,6 +191,31 @@ def hands(_: Path, images: Path) -> None:
         shown.append(Image.fromarray(portrait.draw(moment, camera)))
     side_by_side([[picture] for picture in shown])[0].quantize(128).save(
         images / "light-grasp.png", optimize=True
+    )
+
+
+def fingers(_: Path, images: Path) -> None:
+    """The finger reflex of a G1 with Inspire hands: the hand hangs, a finger presses its ring finger, it lets
+    go."""
+    robot, reflex = tci.load_robot("g1-inspire"), FingerReflex()
+    body = tci.GenericBody(robot)
+    world = World(robot, posture={"left_fingers": reflex.relaxed("left_fingers", body)})
+    portrait, moments = Portrait(world, (), full_scale=FULL_SCALE), []
+    world.finger.poke("left_ring_top", 44, depth=0.01, speed=0.25, gap=0.02)
+    driver = SimulatedDriver(robot, world=world)
+    for duration in (0.01, 0.085, 0.6):
+        tci.run(driver, reflex, duration=duration)
+        moments.append(keep_moment(world, driver.read()))
+    links = [segment.link for segment in robot.part("left_fingers").segments]
+    middle = np.mean([moments[0].data.body(link).xpos for link in links], axis=0)
+    torso = portrait.torso(moments[0])
+    camera = look_at(
+        (np.linalg.inv(torso) @ [*middle, 1.0])[:3], azimuth=-1.0, elevation=-0.35, distance=0.42, width=300,
+        height=300, frame=torso,
+    )  # fmt: skip
+    shown = [Image.fromarray(portrait.draw(moment, camera)) for moment in moments]
+    side_by_side([[picture] for picture in shown])[0].quantize(128).save(
+        images / "finger-reflex.png", optimize=True
     )
 
 

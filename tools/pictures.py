@@ -177,6 +177,7 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "soft": lambda folder: gallery.soft(folder, IMAGES),
     "body": lambda folder: gallery.body(folder, IMAGES),
     "hands": lambda folder: gallery.hands(folder, IMAGES),
+    "fingers": lambda folder: gallery.fingers(folder, IMAGES),
     "robots": lambda folder: gallery.robots(folder, IMAGES),
     "touches": lambda _: draw_touches(IMAGES / "touches.png"),
     "touch": lambda folder: touch_to_motion.draw_path(IMAGES / "touch-to-motion.svg"),

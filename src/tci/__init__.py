@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from tci.capabilities.body_withdrawal import BodyWithdrawal as BodyWithdrawal
     from tci.capabilities.capability import Capability as Capability
     from tci.capabilities.contact_stop import ContactStop as ContactStop
+    from tci.capabilities.finger_reflex.capability import FingerReflex as FingerReflex
     from tci.capabilities.gentle.capability import Gentle as Gentle
     from tci.capabilities.light_grasp import LightGrasp as LightGrasp
     from tci.capabilities.play_gesture import PlayGesture as PlayGesture

@@ -70,7 +70,10 @@ def test_the_demo_pokes_what_exists(patch: str, tmp_path: Path) -> None:
     poked = {name: [one["site"] for one in report["trials"] if one["robot"] == name] for name in FELT}
     assert {*poked["nao-plain-h21"]} == FELT["nao-plain-h21"]
     assert len(poked["one-patch"]) >= 1
-    assert all(one["responded"] is (one["robot"] == "one-patch") for one in report["trials"])
+    answered = {"one-patch": {*poked["one-patch"]}, "nao-plain-h21": {"head"}}
+    assert all(one["responded"] is (one["site"] in answered[one["robot"]]) for one in report["trials"])
+    assert "no capability of TCI answers left_bumper, right_bumper" in said
+    assert "poked what nao-plain-h21 has: head-stop" in said
     assert all(one["peak_force_n"] > 4.0 for one in report["trials"])
     assert f"one-patch has no skin on left_arm, {BARE['one-patch']}" in said
     assert "nao-plain-h21 has no skin on left_arm, right_arm, torso" in said

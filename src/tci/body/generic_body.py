@@ -323,6 +323,20 @@ class GenericBody:
         """`distance` to several landmarks, in less time."""
         return self._landmarks.distances(contact, landmarks)
 
+    def calibrated(self, patch: str) -> bool:
+        """Whether the forces of a patch were measured (`tci skin calibrate`), not taken from its description.
+
+        Raises UnknownNameError for an unknown patch.
+        """
+        return self.layout.patches[self.layout.places[self.robot.patch(patch).name]].calibration is not None
+
+    def counts(self, contact: Contact) -> float:
+        """By how many counts the taxels of a contact are away from rest, summed; 0 without taxels. By the
+        description's response, so it says nothing of a calibrated patch."""
+        patch = self.layout.patches[self.layout.places[contact.patch]]
+        pressure = contact.taxel_forces / patch.surface.areas[contact.taxels]
+        return float(patch.description.sensor.counts(pressure).sum())
+
     def coverage(
         self, perception: Perception, part: str, places: Sequence[LimbPlace | Landmark], radius: ArrayLike
     ) -> Array:

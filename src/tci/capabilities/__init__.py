@@ -27,8 +27,12 @@ if TYPE_CHECKING:
     from tci.capabilities.fields import ReceptiveField as ReceptiveField
     from tci.capabilities.fields import default_fields as default_fields
     from tci.capabilities.fields import load_fields as load_fields
+    from tci.capabilities.finger_reflex.capability import FingerMemory as FingerMemory
+    from tci.capabilities.finger_reflex.capability import FingerReflex as FingerReflex
+    from tci.capabilities.finger_reflex.capability import LetGo as LetGo
     from tci.capabilities.gentle.capability import Gentle as Gentle
     from tci.capabilities.gentle.capability import GentleMemory as GentleMemory
+    from tci.capabilities.in_counts import InCounts as InCounts
     from tci.capabilities.layer import Layer as Layer
     from tci.capabilities.light_grasp import Grip as Grip
     from tci.capabilities.light_grasp import LightGrasp as LightGrasp

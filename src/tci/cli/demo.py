@@ -68,8 +68,9 @@ def demo(
     """Poke simulated robots. All robots respond with the withdrawal reflex.
 
     A simulated compliant finger pokes five taxels anywhere on each arm, with the reflex and without the
-    reflex; --seed draws others. The command prints a table of measurements, draws the measurements in
-    OUT/demo.png, and writes all numbers to OUT/report.json.
+    reflex; --seed draws others. On a robot without skin on its arms it pokes what else there is: finger pads
+    (finger-reflex), or the switches of head and hands (head-stop, soft-hands). The command prints a table of
+    measurements, draws the measurements in OUT/demo.png, and writes all numbers to OUT/report.json.
 
     --fault NAME@TIME pokes one robot once, injects the named fault at this time in seconds, and prints each
     event immediately. --touch and --touches have people touch one robot instead, in the words of tci run, and
@@ -131,13 +132,13 @@ def _run_trials(
 
     from tci.capabilities.capability import lacks
     from tci.capabilities.withdrawal import WithdrawalReflex
-    from tci.cli.bare import tell_bare, tell_lacks
+    from tci.cli.bare import tell_bare
     from tci.drivers.combined_server import JOIN
     from tci.lab.authoring.dense_skin import with_skin_rate
     from tci.lab.experiments.experiment import run_experiment
     from tci.lab.experiments.pictures import draw_demo
     from tci.lab.experiments.remote_trial import try_server
-    from tci.lab.experiments.trial_places import trial_count
+    from tci.lab.experiments.trial_places import trial_count, unanswered
 
     robots = load_robots(names)
     if via is not None:
@@ -175,11 +176,10 @@ def _run_trials(
         _summary(report, robots)
         for robot in robots:
             tell_bare(robot)
-            if missing := lacks(reflex, robot):
-                tell_lacks("withdrawal", missing, robot)
+            _tell_else(robot, report, lacks(reflex, robot), unanswered(robot))
         pictured = f"picture {picture}" if drawn else "no picture: there is no skin to poke"
         console.print(f"{pictured}\nreport  {path}", highlight=False, markup=False)
-    if via is not None and not answered and not all(lacks(reflex, robot) for robot in robots):
+    if via is not None and report.trials and not answered:
         raise CommandError(
             f"no poke was answered over {via}; to compare, within one process: tci demo "
             f"{' '.join(robot.name for robot in robots)}"
@@ -207,7 +207,7 @@ def _table(report: Report, mode: str) -> Table:
 
     table = Table(
         title=f"One reflex on every robot, in {mode} mode: a finger pokes, the arm withdraws",
-        caption="A site is a patch and a taxel, drawn anywhere on the arms with --seed. Times count from the "
+        caption="A site is a patch and a taxel, drawn anywhere with --seed. Times count from the "
         "first contact. command: first command of the reflex; motion: first "
         "motion of a joint; lost: the finger no longer touches; peak: largest force of the finger; CoP: "
         "error of the centre of pressure; away: distance that the skin withdrew; without: that distance with "
@@ -225,7 +225,8 @@ def _table(report: Report, mode: str) -> Table:
         if (trial.robot, trial.part) != begun:
             begun = (trial.robot, trial.part)
             table.add_section()
-            table.add_row(f"[bold]{trial.robot}, {trial.part.replace('_', ' ')}[/]")
+            other = "" if trial.capability == "withdrawal" else f": {trial.capability}"
+            table.add_row(f"[bold]{trial.robot}, {trial.part.replace('_', ' ')}{other}[/]")
         table.add_row(
             f"  {trial.site.replace('_', ' ')}",
             _number(trial.trigger_ms),
@@ -271,6 +272,20 @@ def _touches(same: Sequence[SameTouch]) -> Table:
     return table
 
 
+def _tell_else(robot: Robot, report: Report, missing: Sequence[str], unanswered: Sequence[str]) -> None:
+    """Tells what was poked of a robot without skin for the reflex, and the skin that nothing answers."""
+    own = [trial.capability for trial in report.trials if trial.robot == robot.name]
+    others = [name for name in dict.fromkeys(own) if name != "withdrawal"]
+    if missing:
+        said = f"poked what {robot.name} has: {', '.join(others)}" if others else "skin: docs/add-a-skin.md"
+        console.print(
+            f"withdrawal: {'; '.join(missing)}; {said}", style="yellow", highlight=False, markup=False
+        )
+    if unanswered:
+        words = f"no capability of TCI answers {', '.join(unanswered)}"
+        console.print(words, style="dim", highlight=False, markup=False)
+
+
 def _number(value: float | None, form: str = ".0f") -> str:
     return "[red]never[/]" if value is None else format(value, form)
 
@@ -279,8 +294,12 @@ def _summary(report: Report, robots: Sequence[Robot]) -> None:
     trials = report.trials
     responded = sum(trial.responded for trial in trials)
     lost = sum(trial.contact_lost_ms is not None for trial in trials)
+    others = [name for name in dict.fromkeys(trial.capability for trial in trials) if name != "withdrawal"]
+    by = " and ".join(["the reflex"] * any(trial.capability == "withdrawal" for trial in trials) + others)
+    what = "skin" if others else "arm"
     console.print(
-        f"{responded} of {len(trials)} pokes answered by the reflex; the arm left the finger in {lost}"
+        f"{responded} of {len(trials)} pokes answered by {by or 'the reflex'}; the {what} left the finger in "
+        f"{lost}"
     )
     same, names = report.same_stimulus, [robot.name for robot in robots if robot.name in report.compared]
     if len(names) > 1:

@@ -59,7 +59,9 @@ def test_unknown_limits_and_stray_servos_are_named() -> None:
     part = make_robot().parts[0]
     few = part.model_copy(update={"servos": part.servos[:1]})
     robot = make_robot().model_copy(update={"parts": (few,)})
-    assert stray_servos(robot, "left_arm", sent) == ["joint2: commanded, although it is no servo of left_arm"]
+    assert stray_servos(robot, {"left_arm"}, sent) == [
+        "joint2: commanded, although it is no servo of left_arm"
+    ]
 
 
 def test_the_physics_is_watched_too() -> None:

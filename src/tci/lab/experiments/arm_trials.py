@@ -13,7 +13,7 @@ import numpy as np
 from tci.body.places import Place
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.errors import TciError
-from tci.lab.experiments.measure import AWAY
+from tci.lab.experiments.answers import AWAY
 from tci.lab.experiments.poke import Stimulus, Trace, poke_place
 from tci.robot.description import Robot
 from tci.simulation.finger import STIFFNESS

@@ -30,7 +30,7 @@ the joint even faster. Assumed: ten times the largest observed excess, which is 
 
 
 def command_violations(
-    robot: Robot, sent: Sequence[SafeCommand], measured: Sequence[Array], period: float
+    robot: Robot, sent: Sequence[SafeCommand], measured: Sequence[Array], period: float, *, led: bool = False
 ) -> list[str]:
     """Returns one sentence for each servo and limit that the commands violate.
 
@@ -39,9 +39,11 @@ def command_violations(
         sent: All commands that were sent to the robot, one per period.
         measured: Joint angles (n_servos,) [rad] measured at the time of each command.
         period: Period [s] of the commands.
+        led: True if somebody moves the joints when the first command comes.
 
     Velocity, acceleration and jerk are finite differences of successive positions. Each servo is assumed to
-    rest at its measured angle before the first command to this servo.
+    rest at its measured angle before the first command to this servo; one that is led moves there with
+    the acceleration of its first three commands, and is told of a jump from where it was measured.
     """
     series: dict[int, list[float]] = {}
     for command, here in zip(sent, measured, strict=True):
@@ -49,7 +51,15 @@ def command_violations(
             series.setdefault(int(servo), [float(here[servo])] * 3).append(float(angle))
     faults = []
     for index, angles in sorted(series.items()):
-        faults += _servo_faults(robot.servos[index], np.array(angles), period)
+        servo = robot.servos[index]
+        if led and len(angles) > 5:
+            jump, fastest = abs(angles[3] - angles[2]), servo.limits.velocity
+            if fastest is not None and jump > fastest * period * (1.0 + COMMAND_TOLERANCE):
+                faults.append(
+                    f"{servo.name}: a jump of {jump:.6g} sent; valid: at most {fastest * period:.6g}"
+                )
+            angles[:3] = np.polyval(np.polyfit([0, 1, 2], angles[3:6], 2), [-3, -2, -1]).tolist()
+        faults += _servo_faults(servo, np.array(angles), period)
     for coupling in robot.couplings:
         if any(servo in series for servo in coupling.servos):
             faults += _coupling_faults(coupling, sent, measured)
@@ -91,14 +101,14 @@ def _coupling_faults(coupling: Coupling, sent: Sequence[SafeCommand], measured: 
     return []
 
 
-def stray_servos(robot: Robot, part: str, sent: Sequence[SafeCommand]) -> list[str]:
-    """Returns one sentence for each servo that was moved although the generic `part` does not map to this
+def stray_servos(robot: Robot, parts: Collection[str], sent: Sequence[SafeCommand]) -> list[str]:
+    """Returns one sentence for each servo that was moved although none of the generic `parts` maps to this
     servo.
 
     In position mode, no command may be sent to such a servo. In the other modes, commands may hold such a
     servo at its angle, since the reflex switches both arms to its mode.
     """
-    mapped = {servo.servo for servo in robot.part(part).servos}
+    mapped = {servo.servo for part in parts for servo in robot.part(part).servos}
     first: dict[int, float] = {}
     stray = set()
     for command in sent:
@@ -107,17 +117,27 @@ def stray_servos(robot: Robot, part: str, sent: Sequence[SafeCommand]) -> list[s
             if servo not in mapped and not held:
                 stray.add(servo)
     return [
-        f"{robot.servos[index].name}: commanded, although it is no servo of {part}" for index in sorted(stray)
+        f"{robot.servos[index].name}: commanded, although it is no servo of {' or '.join(sorted(parts))}"
+        for index in sorted(stray)
     ]
 
 
 def physics_violations(
-    robot: Robot, positions: Array, velocities: Array, *, servos: Collection[int] | None = None
+    robot: Robot,
+    positions: Array,
+    velocities: Array,
+    *,
+    servos: Collection[int] | None = None,
+    pushed: Array | None = None,
 ) -> list[str]:
     """Returns one sentence for each limit that a simulated joint violates.
 
-    `positions` [rad] and `velocities` [rad/s] have the shape (samples, n_servos). Only the joints of `servos`
-    are looked at, by default all.
+    Args:
+        robot: Description of the robot, with the limits.
+        positions: Joint angles (samples, n_servos) [rad].
+        velocities: Joint speeds (samples, n_servos) [rad/s].
+        servos: The servos to look at, by default all.
+        pushed: Speeds (n_servos,) [rad/s] with which a finger alone moves the joints, which is permitted.
     """
     faults = []
     for servo in robot.servos:
@@ -129,7 +149,8 @@ def physics_violations(
             outside = np.maximum(angles - limits.upper, limits.lower - angles).max()
             if not outside <= STOP_TOLERANCE:
                 faults.append(f"{servo.name}: moved {np.rad2deg(outside):.2f} degrees beyond its limits")
-        if limits.velocity is not None and not speeds.max() <= limits.velocity * (1.0 + PUSHED):
+        alone = 0.0 if pushed is None else float(pushed[servo.index])
+        if limits.velocity is not None and not speeds.max() <= max(limits.velocity, alone) * (1.0 + PUSHED):
             faults.append(
                 f"{servo.name}: moved at {speeds.max():.3f} rad/s; valid: at most {limits.velocity:.3f}"
             )

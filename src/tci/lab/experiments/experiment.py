@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
+from itertools import groupby
 from typing import Any
 
 from tci.body.generic_body import GenericBody
@@ -16,7 +17,7 @@ from tci.lab.experiments.poke import Stimulus, poke_place
 from tci.lab.experiments.remote_trial import RemoteTrial
 from tci.lab.experiments.same_stimulus import SameStimulus, initial_joints, same_stimulus
 from tci.lab.experiments.same_touch import SameTouch, same_touch
-from tci.lab.experiments.trial_places import PER_ARM, SIDES, trial_places
+from tci.lab.experiments.trial_places import PER_ARM, SIDES, posture_of, trial_places
 from tci.robot.description import Robot
 from tci.simulation.world import World
 from tci.skin.skin import Skin
@@ -47,20 +48,23 @@ def trials_of(
     sides: Sequence[str] = SIDES,
     count: int = PER_ARM,
 ) -> Iterator[Trial]:
-    """Pokes `count` taxels anywhere on each arm of one robot, with and without the reflex, or what else the
-    robot can feel with (`trial_places`).
+    """Pokes `count` taxels anywhere on each arm of one robot, with and without the reflex; on a robot without
+    skin there, what else it can feel with, and another capability answers (`trial_places`).
 
     In the trials without the reflex, the arms keep their posture in the control mode of `reflex`. If `via`
-    names a middleware, the reflex runs in another process and reaches the robot through this middleware.
+    names a middleware, what answers runs in another process and reaches the robot through this middleware.
     """
-    nothing = replace(reflex, fields=())
-    world = World(robot, seed=seed)
-    with RemoteTrial(robot, via, reflex) if via else nullcontext() as elsewhere:
-        for index, one in enumerate(trial_places(world, sides, count=count, seed=seed)):
-            own, poke = seed + index, replace(stimulus, depth=min(stimulus.depth, one.deepest))
-            held = poke_place(world, one.place, poke, reflex=nothing, seed=own)
-            acted = poke_place(world, one.place, poke, reflex=reflex, seed=own, elsewhere=elsewhere)
-            yield measure(robot, one.part, one.name, acted, held)
+    world = World(robot, seed=seed, posture=posture_of(robot))
+    places = enumerate(trial_places(world, reflex, sides, count=count, seed=seed))
+    for capability, own in groupby(places, key=lambda one: one[1].answer.capability):
+        with RemoteTrial(robot, via, capability) if via else nullcontext() as elsewhere:
+            for index, one in own:
+                answer, poke = one.answer, replace(stimulus, depth=min(stimulus.depth, one.deepest))
+                held = poke_place(world, one.place, poke, reflex=answer.without, seed=seed + index)
+                acted = poke_place(
+                    world, one.place, poke, reflex=capability, seed=seed + index, elsewhere=elsewhere
+                )
+                yield measure(robot, one.part, one.name, acted, held, answer)
 
 
 def run_experiment(

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.lab.experiments.answers import Answer, withdrawal, withdrawn
 from tci.lab.experiments.checker import command_violations, physics_violations, stray_servos
 from tci.lab.experiments.poke import Trace
 from tci.robot.description import Robot
@@ -14,11 +16,7 @@ MOTION = float(np.deg2rad(0.05))
 """Least difference [rad] that counts as motion: the difference of a joint angle between the trials with and
 without the reflex. Assumed: differences are smaller if servos only yield to the finger, and larger after one
 control period of a reflex."""
-
-AWAY = 1.0
-"""Least displacement [mm] of the skin along its inward normal that counts as a withdrawal. The displacement
-is measured relative to the trial without reflex. Assumed: servos that only yield to the finger move the skin
-by less."""
+WITHDRAWAL = withdrawal(WithdrawalReflex())
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +33,7 @@ class Trial:
     """Number of taxels of the patch that the finger poked."""
     responded: bool
     """True if the reflex commanded this part and no other part, and the part's skin moved away from the
-    finger."""
+    finger; or did what else it answers such a touch with (`answers`)."""
     trigger_ms: float | None
     """Time [ms] of the first command of the reflex. The value is None if the reflex sent no command."""
     first_motion_ms: float | None
@@ -60,27 +58,35 @@ class Trial:
     """Violations that the module `checker` found, one sentence each."""
     halts: tuple[str, ...]
     """Reasons for which the gate held or stopped the robot during the trial."""
+    capability: str = "withdrawal"
+    """What was to answer, as `tci run` takes it."""
 
 
-def measure(robot: Robot, part: str, site: str, acted: Trace, held: Trace) -> Trial:
+def measure(
+    robot: Robot, part: str, site: str, acted: Trace, held: Trace, answer: Answer = WITHDRAWAL
+) -> Trial:
     """Returns the results of one trial, in which the finger poked `part` at `site`.
 
     `acted` is the trace with the reflex, `held` the trace without the reflex.
     """
     period = 1.0 / robot.binding("sim").rate
     contact = acted.first_contact
-    commanded = [stamp for stamp, _ in acted.commanded]
+    commanded = [
+        stamp
+        for stamp, _ in acted.commanded
+        if not answer.moves_before or (contact is not None and stamp >= contact)
+    ]
     violations: dict[str, None] = {}
     halts: dict[str, None] = {}
-    right = bool(commanded) and {name for _, name in acted.commanded} == {part}
+    alone = np.abs(np.array(held.velocities)).max(axis=0) if answer.weak else None
     for trace in (acted, held):
         # a finger may push a joint that nobody commands beyond its limits, such as those of a weak hand
         commanded_servos = {servo for sent in trace.sent for servo in sent.servos.tolist()}
         moved = np.array(trace.positions), np.array(trace.velocities)
         violations |= dict.fromkeys(
-            command_violations(robot, trace.sent, trace.positions, period)
-            + stray_servos(robot, part, trace.sent)
-            + physics_violations(robot, *moved, servos=commanded_servos)
+            command_violations(robot, trace.sent, trace.positions, period, led=answer.led)
+            + stray_servos(robot, answer.moves(robot, part), trace.sent)
+            + physics_violations(robot, *moved, servos=commanded_servos, pushed=alone)
         )
         halts |= dict.fromkeys(f"{sent.state.value}: {sent.reason}" for sent in trace.sent if sent.reason)
     return Trial(
@@ -89,15 +95,16 @@ def measure(robot: Robot, part: str, site: str, acted: Trace, held: Trace) -> Tr
         side=robot.part(part).side or "",
         site=site,
         taxels=acted.taxels,
-        responded=right and _withdrawn(acted) - _withdrawn(held) >= AWAY,
+        responded=answer.shown(robot, part, acted, held),
+        capability=answer.name,
         trigger_ms=_milliseconds(commanded[0] if commanded else None, contact),
         first_motion_ms=_milliseconds(_first_motion(acted, held), contact),
         contact_lost_ms=_milliseconds(acted.contact_lost, contact),
         contact_lost_without_reflex_ms=_milliseconds(held.contact_lost, contact),
         peak_force_n=acted.peak_force,
         cop_error_mm=cop_error(acted),
-        withdrawn_mm=_withdrawn(acted),
-        withdrawn_without_reflex_mm=_withdrawn(held),
+        withdrawn_mm=withdrawn(acted),
+        withdrawn_without_reflex_mm=withdrawn(held),
         limit_violations=len(violations),
         violations=tuple(violations),
         halts=tuple(halts),
@@ -114,10 +121,6 @@ def _first_motion(acted: Trace, held: Trace) -> float | None:
     difference = np.abs(np.array(acted.positions) - np.array(held.positions)[same]).max(axis=1)
     moved = difference >= MOTION
     return acted.time[int(moved.argmax())] if moved.any() else None
-
-
-def _withdrawn(trace: Trace) -> float:
-    return (trace.away[-1] - trace.away[0]) * 1e3
 
 
 def cop_error(trace: Trace) -> float | None:

@@ -7,14 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tci.body.touchable import Touchable, touchable
+from tci.capabilities.capability import Capability
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.lab.experiments.figure import Panel, draw_figure
 from tci.lab.experiments.poke import Stimulus, Trace, poke_place
+from tci.lab.experiments.trial_places import posture_of, trial_places
 from tci.lab.pictures.camera import Camera, fit, look_at, project
 from tci.lab.pictures.paint import FULL_SCALE, FieldLook, field_looks
 from tci.lab.pictures.portrait import Moment, Portrait, keep_moment, lowest_shown
@@ -58,7 +61,7 @@ def draw_demo(robots: Sequence[Robot], reflex: WithdrawalReflex, path: Path, *, 
         fields=list(zip(names, looks, strict=True)),
         full_scale=FULL_SCALE,
         caption="The same reflex, with the same code, on each robot. Left of each pair: the moment of the "
-        "largest force. Right: withdrawn.\nReceptive fields and base motions: not published; our choice.",
+        "largest force. Right: the end.\nReceptive fields and base motions: not published; our choice.",
     )
     return True
 
@@ -69,13 +72,13 @@ def _row(
     looks: Sequence[FieldLook],
     seed: int,
 ) -> list[Panel]:
-    world = World(robot, seed=seed)
+    world = World(robot, seed=seed, posture=posture_of(robot))
     portrait = Portrait(world, looks, full_scale=FULL_SCALE)
     name = (robot.title or robot.name).split()[0]
     panels = []
-    for one in _shown(world, reflex):
+    for one, answer in _shown(world, reflex, seed):
         site = one.place.patch if one.site is None else reflex.fields[one.site].name
-        worst, last, trace = _moments(world, reflex, one, seed)
+        worst, last, trace = _moments(world, answer, one, seed)
         camera = _camera(portrait, (worst, last), robot, one.part, *VIEWS.get(site, VIEW))
         start, end = _spot(portrait, camera, worst, trace), _spot(portrait, camera, last, trace)
         for moment in (worst, last):
@@ -96,19 +99,24 @@ def _row(
     return panels
 
 
-def _shown(world: World, reflex: WithdrawalReflex) -> list[Touchable]:
-    """Two places: those of the paper's Figure 6, else what the robot has; one place twice, none without
-    skin."""
+def _shown(world: World, reflex: WithdrawalReflex, seed: int) -> list[tuple[Touchable, Capability[Any]]]:
+    """Two places, and what answers there: those of the paper's Figure 6, else the first two patches that the
+    trials poke; one place twice, none without skin."""
     world.reset()
     names = [field.name for field in reflex.fields]
-    places = touchable(Skin(world.robot), world.joints(), [field.place for field in reflex.fields])
-    found = [one for one in places if poke_first(world, [one], **NEAR)]
-    best = [one for one in found if one.part == PART and one.site is not None and names[one.site] in VIEWS]
-    return (best or found * 2)[:2]
+    sites = [field.place for field in reflex.fields]
+    places = touchable(Skin(world.robot), world.joints(), sites, parts=("arm",))
+    found = [one for one in places if one.part == PART and one.site is not None and names[one.site] in VIEWS]
+    best = [one for one in found if poke_first(world, [one], **NEAR)]
+    if best:
+        return [(one, reflex) for one in best[:2]]
+    tried = {one.place.patch: one for one in trial_places(world, reflex, seed=seed)}
+    others = [(Touchable(one.part, one.place), one.answer.capability) for one in tried.values()]
+    return (others * 2)[:2]
 
 
 def _moments(
-    world: World, reflex: WithdrawalReflex, one: Touchable, seed: int
+    world: World, capability: Capability[Any], one: Touchable, seed: int
 ) -> tuple[Moment, Moment, Trace]:
     """Pokes a place, and returns the moment at which the skin measured the largest force, the last
     moment, and the trace of the poke."""
@@ -123,7 +131,7 @@ def _moments(
             moments.append(keep_moment(world, tick.reading))
 
     stimulus = Stimulus()
-    trace = poke_place(world, one.place, stimulus, reflex=reflex, seed=seed, watch=watch)
+    trace = poke_place(world, one.place, stimulus, reflex=capability, seed=seed, watch=watch)
     # If the skin measured no force, both instants are the last one.
     return moments[-2:][0], moments[-1], trace
 

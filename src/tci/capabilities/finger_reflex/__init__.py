@@ -1,0 +1,1 @@
+"""Pads on fingers: a pressed hand lets go, a touched palm holds."""

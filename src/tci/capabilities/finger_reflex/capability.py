@@ -1,0 +1,129 @@
+"""A finger reflex: a hand hangs relaxed, lets go when a finger is pressed from outside, and holds what
+touches its palm.
+
+The fingers hang half bent, as a person's do, since a straight finger can't give way to a press on its inner
+side. While the hand holds something its fingers press by themselves, so only a pull counts then
+(`LightGrasp`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tci.body.generic_body import GenericBody
+from tci.capabilities.capability import Capability
+from tci.capabilities.light_grasp import Grips, LightGrasp
+from tci.capabilities.needs import Need
+from tci.errors import TciError
+from tci.messages import GenericCommand, Mode, Order, Perception
+from tci.messages.frames import Array, read_only
+from tci.robot.generic_fingers import FINGERS, FLEXIONS
+
+NEAR = 0.05
+"""Angle [rad] within which a hand hangs relaxed already when it begins."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LetGo:
+    """A hand that lets go."""
+
+    felt: float
+    """Time [s] of the last press on its fingers, or of the end of a grasp."""
+    pressed: str
+    """The finger that was pressed; empty if a grasp ended."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FingerMemory:
+    """Memory of a finger reflex."""
+
+    grips: Grips
+    """How each hand holds."""
+    open: Mapping[str, LetGo]
+    """The hands that let go; the others hang relaxed, or hold."""
+
+
+@dataclass(frozen=True)
+class FingerReflex(Capability[FingerMemory]):
+    """Opens a hand whose fingers are pressed from outside, and closes one whose palm is touched.
+
+    Raises TciError for a setting out of range.
+    """
+
+    needs = (Need("skin on a finger", ("fingers",), FINGERS, switches=False),)
+    grasp: LightGrasp = LightGrasp()  # noqa: RUF009 - frozen
+    """How a hand holds what touches its palm: each finger presses with 1 N."""
+    touch: float = 0.3
+    """Smallest force [N] on a finger that makes a relaxed hand let go: at double of it, a light tap with a
+    finger tip is missed."""
+    curl: float = 0.5
+    """Flexion [rad] beyond the open hand at which fingers hang: then they can give way by 1 cm near the
+    knuckle and by 4 cm at the tips. Assumed; a person's hang at about that."""
+    speed: float = 0.5
+    """Speed [rad/s] with which fingers bend back: slow enough to stop at whoever is still there."""
+    quiet: float = 0.5
+    """Time [s] without a press after which an open hand bends back."""
+
+    def __post_init__(self) -> None:
+        for name in ("touch", "curl", "speed", "quiet"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise TciError(f"finger reflex: {name} {getattr(self, name)}; valid: above 0, finite")
+
+    def init(self, body: GenericBody) -> FingerMemory:
+        return FingerMemory({}, {})
+
+    def step(
+        self, memory: FingerMemory, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[Order, ...], FingerMemory]:
+        now, open_ = perception.stamp, dict(memory.open)
+        orders, grips = self.grasp.step(memory.grips, perception, body)
+        commands = list(orders)
+        for part in body.parts("fingers"):
+            before = memory.grips.get(part)
+            if grips[part].closed:
+                open_.pop(part, None)
+                continue
+            ended, pressed = before is not None and before.closed, self._pressed(part, perception)
+            if pressed or ended:
+                if part not in open_ and not ended:  # a grasp opens its hand itself
+                    commands.append(
+                        GenericCommand(part, Mode.POSITION, body.robot.part(part).initial_posture)
+                    )
+                open_[part] = LetGo(now, pressed)
+                continue
+            hangs = self.relaxed(part, body)
+            begins = before is None and np.abs(perception.posture[part] - hangs).max() > NEAR
+            if begins or (part in open_ and now - open_[part].felt >= self.quiet):
+                open_.pop(part, None)
+                commands.append(GenericCommand(part, Mode.POSITION, hangs, self.speed))
+        return tuple(commands), FingerMemory(grips, open_)
+
+    def relaxed(self, part: str, body: GenericBody) -> Array:
+        """How a hand hangs: generic angles (n,) [rad]."""
+        target: Array = np.array(body.robot.part(part).initial_posture)
+        bent = [joint for joint in FLEXIONS if body.has_joint(part)[joint]]
+        target[bent] += self.curl
+        return read_only(target)
+
+    def claims(self, memory: FingerMemory) -> frozenset[str]:
+        """The hands that hold or let go."""
+        return self.grasp.claims(memory.grips) | frozenset(memory.open)
+
+    def notes(self, memory: FingerMemory) -> tuple[str, ...]:
+        return tuple(
+            f"{part} lets go: its {one.pressed} is pressed"
+            for part, one in memory.open.items()
+            if one.pressed
+        )
+
+    def _pressed(self, part: str, perception: Perception) -> str:
+        """The finger that is pressed most; empty if none is."""
+        forces = dict.fromkeys(FINGERS, 0.0)
+        for contact in perception.contacts:
+            if contact.part == part and contact.segment in forces:
+                forces[contact.segment] += contact.force
+        most = max(forces, key=forces.__getitem__)
+        return most if forces[most] >= self.touch else ""

@@ -1,0 +1,133 @@
+"""A hand lets go when a finger is pressed, holds what touches its palm, and asks for counts where nobody
+knows newtons. And the demo pokes what a robot has."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tci
+from helpers.pressing import SHORT_POKE
+from tci.capabilities import FingerReflex, InCounts, lacks
+from tci.errors import TciError
+from tci.lab.experiments.experiment import trials_of
+from tci.lab.experiments.poke import Stimulus
+from tci.lab.experiments.trial_places import unanswered
+from tci.messages import GenericCommand
+from tci.robot.generic_fingers import FLEXIONS
+from tci.robot.skin_files.calibration import PatchCalibration, SkinCalibration
+from tci.testing import TouchedRobot
+
+HAND = "left_fingers"
+
+
+class Hand:
+    """The left hand of a robot that is touched step by step."""
+
+    def __init__(self, capability: tci.Capability[object], robot: TouchedRobot | None = None) -> None:
+        self.robot = robot or TouchedRobot("g1-inspire")
+        self.capability = capability
+        self.memory = capability.init(self.robot.body)
+
+    def feel(self, times: int, patch: str | None = None, force: float = 2.0) -> list[GenericCommand]:
+        """What the hand is told while it is touched `times` times."""
+        told = []
+        for _ in range(times):
+            seen = self.robot.perceive(patch, force=force)
+            orders, self.memory = self.capability.step(self.memory, seen, self.robot.body)
+            told += [order for order in orders if isinstance(order, GenericCommand) and order.part == HAND]
+        return told
+
+    def opens(self, told: list[GenericCommand]) -> bool:
+        return bool(told) and np.array_equal(told[-1].values, self.robot.robot.part(HAND).initial_posture)
+
+
+@pytest.mark.parametrize("finger", ["thumb", "index", "middle", "ring", "little"])
+@pytest.mark.parametrize("pad", ["tip", "top", "pad"])
+def test_a_press_on_any_pad_opens_the_hand_and_later_it_hangs_again(finger: str, pad: str) -> None:
+    reflex = FingerReflex()
+    hand = Hand(reflex)
+    (hangs,) = hand.feel(1)  # the test's robot begins with straight fingers
+    np.testing.assert_allclose(hangs.values[list(FLEXIONS)], np.deg2rad(3.0) + reflex.curl)
+    assert hand.feel(5) == []
+    assert hand.opens(hand.feel(3, f"left_{finger}_{pad}"))
+    assert reflex.notes(hand.memory) == (f"{HAND} lets go: its {finger} is pressed",)  # type: ignore[arg-type]
+    assert hand.feel(20) == [], "it waits"
+    (again,) = hand.feel(10)
+    np.testing.assert_array_equal(again.values, hangs.values)
+
+
+def test_a_touched_palm_is_held_and_only_a_pull_opens_then() -> None:
+    hand = Hand(FingerReflex())
+    hand.feel(1)
+    closing = hand.feel(10, "left_palm")
+    assert closing[-1].values[3] > closing[0].values[3] > 0.0
+    assert not hand.opens(hand.feel(1, "left_index_top", force=1.0)), "it presses by itself"
+    assert hand.opens(hand.feel(15, "left_index_top", force=4.0))
+
+
+def test_counts_stand_for_newtons_until_the_patch_is_calibrated() -> None:
+    robot = TouchedRobot("g1-inspire")
+    patch = robot.robot.patch("left_index_top")
+    press, touch = 2.0, FingerReflex().touch
+    seen = [robot.perceive(patch.name, force=press) for _ in range(3)][-1]
+    (contact,) = seen.contacts
+    counts = robot.body.counts(contact)
+    # one user's 0.827 mN per count; what a taxel's neighbours feel below their threshold is not counted
+    assert 0.5 * press / 0.000827 < counts <= 1.01 * press / 0.000827
+    for share, answered in ((0.9, True), (1.1, False)):
+        hand = Hand(InCounts(FingerReflex(), share * counts / touch), robot)
+        assert hand.opens(hand.feel(3, patch.name, press)) == answered
+
+    known = PatchCalibration(rest=(0.0,) * 96, noise=(0.5,) * 96, report={})
+    calibration = SkinCalibration(robot="g1-inspire", date="2026-11-27", patches={patch.name: known})
+    body = tci.GenericBody("g1-inspire", tci.body.BodySettings(calibration=calibration))
+    assert body.calibrated(patch.name)
+    assert not body.calibrated("left_index_tip")
+    given: list[float] = []
+
+    class Listens(tci.Capability[None]):
+        def init(self, body: tci.GenericBody) -> None:
+            return None
+
+        def step(
+            self, memory: None, perception: tci.Perception, body: tci.GenericBody
+        ) -> tuple[tuple[()], None]:
+            given.extend(one.force for one in perception.contacts)
+            return (), None
+
+    for own in (body, robot.body):
+        InCounts(Listens(), 100.0).step(None, seen, own)
+    assert given == pytest.approx([contact.force, counts / 100.0])
+
+
+def test_settings_and_robots_that_do_not_fit_are_told() -> None:
+    with pytest.raises(TciError, match="finger reflex: curl 0"):
+        FingerReflex(curl=0.0)
+    with pytest.raises(TciError, match="in counts: newton nan"):
+        InCounts(FingerReflex(), float("nan"))
+    assert lacks(FingerReflex(), "nao-plain") == ("no skin on a finger of this robot",)
+    assert not lacks(FingerReflex(), "g1-hands")
+
+
+def test_the_demo_pokes_what_a_robot_has_and_all_of_it_is_answered() -> None:
+    """Ten touches anywhere on the pads of two hands, and the switches of a NAO as it is sold."""
+    reflex = tci.WithdrawalReflex()
+    trials = [
+        *trials_of(tci.load_robot("g1-inspire"), reflex, stimulus=SHORT_POKE, seed=3),
+        *trials_of(tci.load_robot("nao-plain"), reflex, stimulus=Stimulus(), seed=3),
+    ]
+    told = [(trial.part, trial.capability) for trial in trials]
+    assert told == [
+        *[("left_fingers", "finger-reflex")] * 5, *[("right_fingers", "finger-reflex")] * 5,
+        ("head", "head-stop"), ("left_arm", "soft-hands"), ("right_arm", "soft-hands"),
+        ("left_leg", "withdrawal"), ("right_leg", "withdrawal"),
+    ]  # fmt: skip
+    for trial in trials[:-2]:
+        assert trial.responded, trial
+        assert not trial.violations
+        assert not trial.halts
+        assert trial.first_motion_ms is not None
+        assert trial.first_motion_ms <= 60.0, trial
+    assert unanswered(tci.load_robot("nao-plain")) == ("left_bumper", "right_bumper")
+    assert unanswered(tci.load_robot("nao-whole")) == ()

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +15,15 @@ from tci.gate.acceptance import (
     check_angles,
     check_command,
     check_limits,
-    check_switch,
 )
 from tci.gate.bounds import MARGIN
 from tci.gate.commanded_groups import CommandedGroups
 from tci.gate.freshness import Freshness
 from tci.gate.immovable import Immovable, is_movable
-from tci.gate.joint_monitor import JUDGED, MonitorSettings, Reference
+from tci.gate.joint_monitor import MonitorSettings, Reference
+from tci.gate.mode_switches import REST, STILL, ModeSwitches
 from tci.gate.settings import GateSettings, Tally
-from tci.gate.speeds import Lags, Slope, Speeds
+from tci.gate.speeds import Slope
 from tci.gate.torque import TorqueLimiter
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.messages.frames import Array, frozen
@@ -31,11 +31,6 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 from tci.robot.joint_calibration import Tool
 
-REST = float(np.deg2rad(3.0))
-"""Measured speed [rad/s] below which a servo is at rest, so that its mode may be switched. Assumed: above an
-encoder's noise, and slow enough for a switch without a jolt."""
-STILL = 1e-6
-"""Commanded speed [rad/s] below which a joint counts as at rest. Assumed: above rounding errors."""
 DEGREE = float(np.rad2deg(1.0))
 """Degrees in a radian."""
 TARGETS = (Mode.POSITION, Mode.IMPEDANCE)
@@ -45,37 +40,6 @@ SHARES = (Mode.STIFFNESS, Mode.DAMPING)
 FASTEST = 1e6
 """Upper bound on requested speeds [rad/s]. Without this bound, calculations with a very large speed could
 overflow."""
-PUSHED = float(np.deg2rad(10.0))
-"""Measured speed [rad/s] up to which a stiff joint counts as at rest once it had the time to settle: its
-servo holds it, and whoever touches the part pushes it a little. Without this a reflex waited for the touch to
-end: 8 N moved the elbow of a NAO at 7 degrees/s."""
-HELD = float(np.deg2rad(1.0))
-"""Distance [rad] from its resting reference within which a servo holds its joint."""
-PATIENCE = 0.5
-"""Time [s] after the told end of braking for which a switch waits until its servos rest. Assumed: a joint
-that moves for longer is moved by hand."""
-
-
-@dataclass(slots=True)
-class WaitingSwitch:
-    """A change of mode for which servos brake, and what they were told to do afterwards."""
-
-    servos: tuple[int, ...]
-    mode: Mode
-    rests: float
-    """Time [s] at which the servos should rest."""
-    commands: list[tuple[PlatformCommand, float]] = field(default_factory=list)
-    """Commands in the new mode, each with the time [s] at which it came."""
-
-    def names(self, command: PlatformCommand) -> bool:
-        """True if the command moves a servo that waits here."""
-        return not {*self.servos}.isdisjoint(command.servos.tolist())
-
-    def keep(self, command: PlatformCommand, now: float) -> None:
-        """Keeps a command, in place of earlier ones to the same servos."""
-        named = {*command.servos.tolist()}
-        older = [one for one in self.commands if not named.issuperset(one[0].servos.tolist())]
-        self.commands = [*older, (command, now)]
 
 
 class Motion:
@@ -86,7 +50,7 @@ class Motion:
     ) -> None:
         """Starts without servos under command; `period` [s] is the period of the control loop, and `streams`
         is explained at `Gate.streams`. Raises the errors that SelfCollision raises."""
-        self.robot, self._streams = robot, streams
+        self.robot = robot
         self._settings = settings
         self._tally = tally
         self.groups = CommandedGroups(robot, period=period, settings=settings)
@@ -96,13 +60,11 @@ class Motion:
             robot, period, speed_share=settings.speed_share, push=(settings.monitor or MonitorSettings()).push
         )
         self._fed = np.full(len(robot.servos), -np.inf)
-        self._velocity = self._speed = np.zeros(len(robot.servos))
+        self._velocity = np.zeros(len(robot.servos))
         self._freshness = Freshness(period)
-        self._speeds, self._slope = Speeds(len(robot.servos)), Slope(len(robot.servos))
-        self._lags = Lags(len(robot.servos))
+        self._slope = Slope(len(robot.servos))
+        self._switches = ModeSwitches(robot, self.groups, self._torque, self._slope, streams=streams)
         self._powered: NDArray[np.bool_] | None = None
-        self._switched: set[int] = set()
-        self._waiting: list[WaitingSwitch] = []
         self._back: set[int] = set()  # groups in torque mode that go back from another link
         self._fixed = {servo.index for servo in robot.servos if not is_movable(servo)}
         self._immovable = Immovable(robot)
@@ -151,10 +113,8 @@ class Motion:
         self.groups.look(joints.position)
         self._velocity = joints.velocity
         self._powered = joints.powered
-        self._speed = self._speeds.step(joints)
         self._slope.step(joints)
-        if not self._streams:
-            self._lags.step(joints, self.reference)
+        self._switches.see(joints)
 
     def refuse(self, joints: JointReading) -> None:
         """Records a reading that can't be used. A repetition of this reading with a new stamp can't be used
@@ -173,7 +133,7 @@ class Motion:
     def halt(self, kept: AbstractSet[int] = frozenset()) -> None:
         """Stops all servos but those that move with `kept` within their limits, and removes all targets,
         velocities and commanded torques, and all switches that wait for rest."""
-        self._let_go({servo for switch in self._waiting for servo in switch.servos})
+        self._switches.let_all_go()
         for chain in self.groups.chains:
             if kept.isdisjoint(chain.servos):
                 chain.limiter.halt()
@@ -184,7 +144,7 @@ class Motion:
         with the speed `most` [rad/s], each as soon as it can: the one that presses need not wait for
         the one that has the longest way. Switches that waited for their rest are forgotten, with the commands
         that came for the new mode."""
-        self._let_go({*servos.tolist()})
+        self._switches.let_go({*servos.tolist()})
         for chain in self.groups.chains:
             mine = np.isin(servos, chain.servos)
             if not mine.any():
@@ -205,7 +165,7 @@ class Motion:
     def drop(self) -> None:
         """Ends the command of all servos. Control modes do not change: servos in torque mode stay in torque
         mode, with a commanded torque of 0."""
-        self._waiting.clear()
+        self._switches.forget()
         self.groups.drop()
         self._torque.relax()
         self._torque.forget()
@@ -217,15 +177,13 @@ class Motion:
             return self._share(check_command(self.robot, order))
         order = self._immovable.left_out(order)
         if isinstance(order, PlatformSwitch):
-            return self._switch(order, now)
+            return self._switches.switch(order, now)
         command = check_command(self.robot, order)
         self._check_modes(command)
         if command.mode in TARGETS:
             check_angles(self.robot, command)
-        for switch in self._waiting:
-            if switch.names(command):
-                switch.keep(command, now)
-                return []
+        if self._switches.keep(command, now):
+            return []
         match command.mode:
             case Mode.VELOCITY:
                 clamped = self._drive(command)
@@ -246,9 +204,7 @@ class Motion:
     def step(self, now: float) -> list[Reason]:
         """Moves the servos by one period. Returns the reasons for motions that were ended to avoid
         self-collisions."""
-        self._switched.clear()
-        for switch in self._waiting:
-            self._torque.halt(np.array([s for s in switch.servos if self.modes[s] is Mode.TORQUE], np.intp))
+        self._switches.begin_period()
         near: list[Reason] = []
         longest, body = self._settings.command_timeout, self.groups.body
         moving = [chain for chain in self.groups.chains if not chain.limiter.rests]
@@ -334,9 +290,7 @@ class Motion:
         for servo in command.servos.tolist():
             if servo in self._fixed:
                 check_limits(self.robot.servos[servo])
-            own = self.modes[servo]
-            for switch in self._waiting:
-                own = switch.mode if servo in switch.servos else own
+            own = self._switches.mode_of(servo)
             if own is not command.mode:
                 raise CommandError(
                     f"{self.robot.servos[servo].name} is in {own.value} mode, the command is "
@@ -359,6 +313,19 @@ class Motion:
             mine = [servo for servo in chain.servos if servo in wanted]
             chain.limiter.drive_at(chain.places(mine), np.array([wanted[servo] for servo in mine]))
         return self.clamps(command, sent, "rad/s")
+
+    def settle(self, now: float) -> tuple[list[Reason], list[tuple[PlatformOrder, Reason]]]:
+        """Switches servos that waited for rest and have come to rest, and executes the latest commands in
+        their new modes. Returns the reasons for values that were clamped, and what was refused."""
+        clamped: list[Reason] = []
+        due, refused = self._switches.settle(now)
+        for command, since in due:
+            if command.mode in TARGETS or now - since <= self._settings.command_timeout:
+                try:
+                    clamped += self.accept(command, since)
+                except CommandError as error:
+                    refused.append((command, error.reason))
+        return clamped, refused
 
     def take_shares(self) -> tuple[dict[int, float], dict[int, float]]:
         """Returns stiffness and damping (0..1), by servo index, that were commanded since the last call."""
@@ -407,125 +374,6 @@ class Motion:
                 text = f"{name}: {_amount(asked, unit)} asked, clamped to {_amount(allowed, unit)}"
                 clamped.append(Reason(Code.CLAMPED, text, (name,)))
         return clamped
-
-    def _switch(self, switch: PlatformSwitch, now: float) -> list[Reason]:
-        """Switches servos to another mode, in motion or once they rest. In the second case returns the reason
-        with the braking time. Raises CommandError if a servo can't be switched."""
-        check_switch(self.robot, switch)
-        if switch.mode is Mode.TORQUE:
-            self._torque.check(switch.servos)
-        for servo in switch.servos.tolist():
-            if servo in self._switched and self.modes[servo] is not switch.mode:
-                raise CommandError(
-                    f"{self.robot.servos[servo].name} was switched in this period; valid: one mode at a time",
-                    code=Code.WRONG_MODE,
-                )
-        awaited = {s for one in self._waiting if one.mode is switch.mode for s in one.servos}
-        self._let_go({*switch.servos.tolist()} - awaited)
-        servos = [s for s in switch.servos.tolist() if self.modes[s] is not switch.mode and s not in awaited]
-        if not servos:
-            return []
-        if self._streams or not self._moving(servos):
-            self._change(servos, switch.mode)
-            return []
-        return [self._brake(servos, switch.mode, now)]
-
-    def _change(self, servos: Sequence[int], mode: Mode) -> None:
-        """Changes the mode of servos now. Raises CommandError if they can't go on in this mode now."""
-        loose = {*self._torque.servos.tolist(), *servos}
-        if mode is not Mode.TORQUE:
-            loose -= {*servos}
-        self.groups.switch(servos, mode, loose, np.where(np.abs(self._speed) > REST, self._speed, 0.0))
-        self._switched.update(servos)
-        self._torque.set_servos(sorted(loose))
-
-    def _moving(self, servos: Sequence[int]) -> bool:
-        """True if one of the servos moves: its reference, or its joint by measurement."""
-        if (np.abs(self._speed[list(servos)]) > REST).any():
-            return True
-        reference = self.reference
-        return not set(servos).isdisjoint(reference.servos[np.abs(reference.velocity) > STILL].tolist())
-
-    def _brake(self, servos: Sequence[int], mode: Mode, now: float) -> Reason:
-        """Brakes servos that will switch to `mode` at rest. Returns a reason with the braking time: that of
-        the references, and the lag with which the joints follow."""
-        longest = 0.0
-        for chain in self.groups.chains:
-            places = chain.places([servo for servo in chain.servos if servo in servos])
-            if places:
-                longest = max(longest, chain.limiter.stops_in(places))
-                chain.limiter.drive_at(places, np.zeros(len(places)))
-        longest += self._lags.of(servos)
-        for servo in servos:
-            if self.modes[servo] is Mode.TORQUE:
-                longest = max(
-                    longest, abs(self._speed[servo]) / (self.robot.servos[servo].limits.acceleration or 1.0)
-                )
-        self._waiting.append(WaitingSwitch(tuple(servos), mode, rests=now + longest))
-        parts = ", ".join(dict.fromkeys(self.robot.servos[servo].robot_part for servo in servos))
-        text = f"{parts} switches to {mode.value} in {1e3 * longest:.0f} ms, at rest"
-        return Reason(Code.SWITCHES_AT_REST, text, tuple(self.robot.servos[servo].name for servo in servos))
-
-    def _settled(self, switch: WaitingSwitch, now: float) -> bool:
-        """True if servos that wait for a switch rest: by measurement, or held by their servos at resting
-        references."""
-        if not self._moving(switch.servos):
-            return True
-        if now < switch.rests or not all(self.modes[servo] in JUDGED for servo in switch.servos):
-            return False
-        reference, servos = self.reference, list(switch.servos)
-        mine = np.isin(reference.servos, servos)
-        off = np.abs(reference.position - self.groups.measured[reference.servos])[mine]
-        rests = np.count_nonzero(mine) == len(servos) and (np.abs(reference.velocity[mine]) <= STILL).all()
-        # a guessed speed follows so late that the mean of the last 20 ms may know better
-        speed = np.fmin(np.abs(self._speed), np.abs(self._slope.speed))[servos]
-        return bool(rests and off.max() <= HELD and speed.max() <= PUSHED)
-
-    def settle(self, now: float) -> tuple[list[Reason], list[tuple[PlatformOrder, Reason]]]:
-        """Switches servos that waited for rest and have come to rest, and executes the latest commands in
-        their new modes. Returns the reasons for values that were clamped, and what was refused."""
-        clamped: list[Reason] = []
-        refused: list[tuple[PlatformOrder, Reason]] = []
-        for switch in self._waiting.copy():
-            order = PlatformSwitch(np.array(switch.servos, np.intp), switch.mode)
-            if not self._settled(switch, now):
-                if now > switch.rests + PATIENCE:
-                    self._let_go({*switch.servos})
-                    moving = [servo for servo in switch.servos if self._moving([servo])]
-                    names = ", ".join(self.robot.servos[servo].name for servo in moving)
-                    words = f"{names} kept moving; valid: switch to {switch.mode.value} at rest"
-                    refused.append((order, Reason(Code.IN_MOTION, words)))
-                continue
-            self._waiting.remove(switch)
-            try:
-                self._change(switch.servos, switch.mode)
-            except CommandError as error:
-                refused.append((order, error.reason))
-                continue
-            for command, since in switch.commands:
-                if command.mode in TARGETS or now - since <= self._settings.command_timeout:
-                    try:
-                        clamped += self.accept(command, since)
-                    except CommandError as error:
-                        refused.append((command, error.reason))
-        return clamped, refused
-
-    def _let_go(self, servos: AbstractSet[int]) -> None:
-        """Forgets the switches for which some of `servos` wait; they stay in their present modes."""
-        kept = []
-        for switch in self._waiting:
-            left = [servo for servo in switch.servos if servo not in servos]
-            if len(left) == len(switch.servos):
-                kept.append(switch)
-                continue
-            for chain in self.groups.chains:
-                gone = chain.places([s for s in chain.servos if s in servos and s in switch.servos])
-                here = [place for place in gone if self.modes[chain.servos[place]] is not Mode.VELOCITY]
-                if here:
-                    chain.limiter.drive_at(here, np.full(len(here), np.nan))
-            if left:
-                kept.append(WaitingSwitch(tuple(left), switch.mode, rests=switch.rests))
-        self._waiting = kept
 
 
 def _amount(value: float, unit: str) -> str:

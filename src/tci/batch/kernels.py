@@ -326,8 +326,8 @@ def feel(
     u = float(0.0)
     v = float(0.0)
     s = weigh(positions, one.begin, one.end, point, a, b, scale, least, furthest, u, v)
-    searching = 1
-    n = 0
+    searching = int(1)
+    n = int(0)
     while searching == 1 and n < STEPS:
         n += 1
         gx = s[1] / s[0]
@@ -335,7 +335,7 @@ def feel(
         g = gx + SOFTNESS * u
         h = gy + SOFTNESS * v
         if g * g + h * h < TOLERANCE * TOLERANCE:
-            searching = 0
+            searching = int(0)
         else:
             xx = s[3] / s[0] - gx * gx + SOFTNESS
             xy = s[4] / s[0] - gx * gy
@@ -345,7 +345,7 @@ def feel(
             dv = (xy * g - xx * h) / det
             slope = g * du + h * dv
             size = float(1.0)
-            better = 0
+            better = int(0)
             trial = Sums()
             while size > 1e-6 and better == 0:
                 trial = weigh(
@@ -353,11 +353,11 @@ def feel(
                     v + size * dv,
                 )  # fmt: skip
                 if trial[6] <= s[6] + 1e-4 * size * slope + SLACK * (1.0 + wp.abs(s[6])):
-                    better = 1
+                    better = int(1)
                 else:
                     size = size * 0.5
             if better == 0:
-                searching = 0
+                searching = int(0)
             else:
                 u = u + size * du
                 v = v + size * dv

@@ -1,0 +1,138 @@
+"""How many steps of 20 ms a second many touched worlds make, with skin and without: a table, or JSON.
+
+    python tools/many_worlds.py icub --engine warp --worlds 1024 4096 --json out.json
+
+Every world is poked at another place, and gets new targets for all servos in every step, as a policy would
+send them. "bare": neither taxels nor contact sensors, in the same scene; "sensors": contact sensors of
+MuJoCo, no taxels; "skin": all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "src"))
+
+from tci.batch.cpu import MujocoWorlds
+from tci.batch.scene import BatchScene, batch_scene
+from tci.batch.worlds import Worlds
+from tci.support.engine import mujoco
+
+PERIOD = 0.02
+"""Time [s] between two actions of a policy."""
+MODES = ("bare", "sensors", "skin")
+SENSORS = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
+
+
+def made(
+    scene: BatchScene, count: int, mode: str, args: argparse.Namespace
+) -> tuple[Worlds, Callable[[], None]]:
+    """Worlds, and a function that waits for them."""
+    if args.engine == "mujoco":
+        flags = scene.model.opt.disableflags
+        if mode == "bare":
+            scene.model.opt.disableflags |= SENSORS
+        worlds = MujocoWorlds(scene, count, threads=args.threads, skin=mode == "skin")
+        scene.model.opt.disableflags = flags
+        return worlds, lambda: None
+    import warp as wp
+
+    from tci.batch.gpu import WarpWorlds
+
+    on_device = WarpWorlds(scene, count, device=args.device, skin=mode == "skin")
+    if mode == "bare":
+        on_device.model.opt.disableflags |= SENSORS
+    return on_device, lambda: wp.synchronize_device(on_device.device)
+
+
+def poke_all(worlds: Worlds, seed: int = 0) -> None:
+    chance, scene = np.random.default_rng(seed), worlds.scene
+    sleeves = [one.name for one in scene.robot.patches if one.segment]
+    names = [str(chance.choice(sleeves)) for _ in range(worlds.count)]
+    taxels = [int(chance.integers(len(scene.world.surfaces[name].positions))) for name in names]
+    worlds.poke(names, taxels, depth=chance.uniform(0.004, 0.014, worlds.count))
+
+
+def rate(scene: BatchScene, count: int, mode: str, args: argparse.Namespace) -> dict[str, Any]:
+    """Steps a second: the median of several blocks."""
+    worlds, wait = made(scene, count, mode, args)
+    chance = np.random.default_rng(1)
+    home = scene.world.servos.asked["target"]
+    moves = [home + chance.normal(0.0, 0.02, (count, len(home))).astype(np.float32) for _ in range(4)]
+    poke_all(worlds)
+    speeds, touched = [], 0.0
+    begun = time.perf_counter()
+    for _ in range(8):  # until the fingers touch, and all graphs are recorded
+        worlds.send(moves[0])
+        worlds.advance(PERIOD)
+    wait()
+    warm = time.perf_counter() - begun
+    for block in range(args.blocks):
+        begun = time.perf_counter()
+        for k in range(args.steps):
+            worlds.send(moves[k % len(moves)])
+            worlds.advance(PERIOD)
+        wait()
+        speeds.append(count * args.steps / (time.perf_counter() - begun))
+        if mode == "skin" and block == args.blocks - 1:
+            touched = float(worlds.force.any(axis=1).mean())
+    spread = (max(speeds) - min(speeds)) / float(np.median(speeds))
+    return {
+        "robot": scene.robot.name, "worlds": count, "taxels": scene.taxels, "step": scene.step, "mode": mode,
+        "steps_per_second": float(np.median(speeds)), "spread": spread, "touched": touched, "warm": warm,
+    }  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("robot")
+    parser.add_argument("--engine", choices=("mujoco", "warp"), default="mujoco")
+    parser.add_argument("--device", help="of Warp; by default the first GPU")
+    parser.add_argument("--threads", type=int, default=0)
+    parser.add_argument("--worlds", type=int, nargs="+", default=[16])
+    parser.add_argument("--step", type=float, nargs="+", default=[0.002], help="of the physics [s]")
+    parser.add_argument("--modes", nargs="+", default=MODES, choices=MODES)
+    parser.add_argument("--steps", type=int, default=25, help="in a block")
+    parser.add_argument("--blocks", type=int, default=5)
+    parser.add_argument("--json", type=Path)
+    args = parser.parse_args()
+    rows = []
+    for step in args.step:
+        scene = batch_scene(args.robot, step=step)
+        for count in args.worlds:
+            base = 0.0
+            for mode in args.modes:
+                row = rate(scene, count, mode, args)
+                base = base or row["steps_per_second"]
+                row["times_first"] = base / row["steps_per_second"]
+                rows.append(row | {"device": device_name(args)})
+                print(
+                    f"{args.robot} {count} worlds {step * 1e3:g} ms {mode:8} "
+                    f"{row['steps_per_second']:10.0f}/s "
+                    f"x{row['times_first']:.3f} spread {row['spread']:.2f} touched {row['touched']:.2f} "
+                    f"warm {row['warm']:.1f} s",
+                    flush=True,
+                )
+                if args.json:
+                    args.json.write_text(json.dumps(rows, indent=1))
+
+
+def device_name(args: argparse.Namespace) -> str:
+    if args.engine == "mujoco":
+        return platform.processor() or platform.machine()
+    import warp as wp
+
+    return str(wp.get_device(args.device).name)
+
+
+if __name__ == "__main__":
+    main()

@@ -27,6 +27,7 @@ NEXT = {
     "touch": "tci touches nao",
     "touches": "tci run withdrawal nao --touch \"stroke 'left forearm' 3N 8cm/s\"",
     "check": "tci run withdrawal nao --poke",
+    "safety": "tci check nao --simulate",
     "doctor": "tci demo",
     "hand": "tci robots",
     "skin find": "tci new-robot my_robot.urdf",

@@ -28,6 +28,7 @@ from tci.cli.plot import plot
 from tci.cli.record import record
 from tci.cli.robots import robots
 from tci.cli.run import run
+from tci.cli.safety import safety
 from tci.cli.serve import serve
 from tci.cli.skin import app as skin_app
 from tci.cli.touch import touch
@@ -57,6 +58,7 @@ for command in (
     touch,
     touches,
     check,
+    safety,
     doctor,
     hand,
 ):

@@ -98,6 +98,21 @@ class Dynamics:
                 found.append(one)
         return np.array(found).reshape(-1, 3, self._n)
 
+    def turned(self, link: str) -> Array:
+        """How a link is turned (3, 3) in the posture of the last `at`, in the frame of the model's root."""
+        turned: Array = self._data.body(link).xmat.reshape(3, 3).copy()
+        return turned
+
+    def moved(self, link: str, point: Array) -> Array:
+        """Jacobian (3, n) [m/rad] of a point (3,) [m] of a link, in the posture of the last `at`. The point
+        is in the link's frame, the Jacobian in that of the model's root."""
+        model, data = self._model, self._data
+        body = model.body(link).id
+        whole, one = np.zeros((3, model.nv)), np.zeros((3, self._n))
+        mujoco.mj_jac(model, data, whole, None, data.xpos[body] + self.turned(link) @ point, body)
+        one[:, self._servos] = whole[:, self._columns]
+        return one
+
     def _add(self, body: int, mass: float, centre: Array) -> None:
         """Adds a point mass to a body of the MuJoCo model: `mass` [kg] at the point `centre` (3,) [m] in the
         frame of the body. `body` is the index of the body in the model."""

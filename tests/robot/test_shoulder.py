@@ -68,6 +68,19 @@ def apart(one: np.ndarray, other: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("name", ["talos", "g1", "alex"])
+def test_only_what_the_limits_allow_is_asked_within_them(name: str) -> None:
+    shoulder, chance, kept = shoulder_of(load_robot(name), "left_arm"), np.random.default_rng(0), 0
+    for _ in range(300):
+        near = chance.uniform(shoulder.lower, shoulder.upper)
+        wanted = shoulder.rotation(chance.uniform(-np.pi, np.pi, 3))
+        asked = shoulder.best(wanted, near)
+        if np.all(asked == np.clip(asked, shoulder.lower, shoulder.upper)):
+            kept += 1
+            assert apart(shoulder.rotation(asked), wanted) < 1e-6
+    assert 20 < kept < 280
+
+
+@pytest.mark.parametrize("name", ["talos", "g1", "alex"])
 def test_beyond_the_limits_no_posture_nearby_is_nearer_to_what_is_wanted(name: str) -> None:
     shoulder, chance, ended = shoulder_of(load_robot(name), "left_arm"), np.random.default_rng(0), 0
     for _ in range(300):

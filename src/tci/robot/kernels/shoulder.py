@@ -146,26 +146,40 @@ def _missing(R_TU: Array, shoulder: ShoulderArrays, q: Vector) -> Vector:
 
 
 @inlined
+def _along_axes(shoulder: ShoulderArrays, q: Vector, turned: Vector) -> Vector:
+    """How much of a rotation vector [rad] each joint does at angles `q`."""
+    first, second, third = _vector(shoulder.axes[0]), _vector(shoulder.axes[1]), _vector(shoulder.axes[2])
+    s1, s2 = _turned(first, q[0], second), _turned(first, q[0], _turned(second, q[1], third))
+    return _dot(first, turned), _dot(s1, turned), _dot(s2, turned)
+
+
+@inlined
+def _within(q: Vector, shoulder: ShoulderArrays) -> Vector:
+    a, b = shoulder.lower, shoulder.upper
+    return min(max(q[0], a[0]), b[0]), min(max(q[1], a[1]), b[1]), min(max(q[2], a[2]), b[2])
+
+
+@inlined
 def _towards(gradient: float, q: float, lower: float, upper: float) -> bool:
     """False for a joint at a limit that would go beyond it."""
     return not ((q <= lower and gradient < 0.0) or (q >= upper and gradient > 0.0))
 
 
 @inlined
-def _approach(R_TU: Array, near: Array, shoulder: ShoulderArrays) -> Vector:
-    """Angles within the limits at which the upper arm is as near to `R_TU` as it comes from `near`."""
+def _approach(R_TU: Array, begin: Vector, near: Array, pull: float, shoulder: ShoulderArrays) -> Vector:
+    """Angles within the limits at which the upper arm is as near to `R_TU` as it comes from `begin` (3,)
+    [rad], while each servo is pulled back to `near` (3,) [rad] with `pull`, such as EFFORT."""
     first, second, third = _vector(shoulder.axes[0]), _vector(shoulder.axes[1]), _vector(shoulder.axes[2])
     a, b = _vector(shoulder.lower), _vector(shoulder.upper)
-    q = (
-        min(max(near[0], a[0]), b[0]), min(max(near[1], a[1]), b[1]), min(max(near[2], a[2]), b[2]),
-    )  # fmt: skip
+    q = begin
     for _ in range(STEPS):
         missing = _missing(R_TU, shoulder, q)
         s1, s2 = _turned(first, q[0], second), _turned(first, q[0], _turned(second, q[1], third))
+        wanted = _along_axes(shoulder, q, missing)
         g = (
-            _dot(first, missing) - EFFORT * (q[0] - near[0]),
-            _dot(s1, missing) - EFFORT * (q[1] - near[1]),
-            _dot(s2, missing) - EFFORT * (q[2] - near[2]),
+            wanted[0] - pull * (q[0] - near[0]),
+            wanted[1] - pull * (q[1] - near[1]),
+            wanted[2] - pull * (q[2] - near[2]),
         )
         f0, f1, f2 = True, True, True
         dq = g
@@ -176,7 +190,7 @@ def _approach(R_TU: Array, near: Array, shoulder: ShoulderArrays) -> Vector:
             h01 = _dot(first, s1) if f0 and f1 else 0.0
             h02 = _dot(first, s2) if f0 and f2 else 0.0
             h12 = _dot(s1, s2) if f1 and f2 else 0.0
-            one = 1.0 + EFFORT
+            one = 1.0 + max(pull, 1e-4)  # parallel axes have no inverse
             dq = _solve_symmetric(
                 ((one, h01, h02), (h01, one, h12), (h02, h12, one)),
                 (g[0] if f0 else 0.0, g[1] if f1 else 0.0, g[2] if f2 else 0.0),
@@ -194,21 +208,32 @@ def _approach(R_TU: Array, near: Array, shoulder: ShoulderArrays) -> Vector:
 
 @inlined
 def _keep_inside(R_TU: Array, near: Array, shoulder: ShoulderArrays, best: Array) -> None:
-    """Changes a solution `best` beyond the limits, so that the others do what they can for a joint that ends
-    at its limit. This joint keeps the angle that was asked for, which whoever clips it can tell."""
-    a, b = _vector(shoulder.lower), _vector(shoulder.upper)
-    clipped = (
-        min(max(best[0], a[0]), b[0]), min(max(best[1], a[1]), b[1]), min(max(best[2], a[2]), b[2]),
-    )  # fmt: skip
+    """Changes a solution `best` beyond the limits, so that the others do what they can for the joints that
+    end at their limits. At least one of these asks for more than its limit, so that whoever clips it can tell
+    that the arm does not get there."""
+    clipped = _within(_vector(best), shoulder)
     if clipped == _vector(best):
         return
-    q = _approach(R_TU, near, shoulder)
-    missing, without = _missing(R_TU, shoulder, q), _missing(R_TU, shoulder, clipped)
-    if _dot(missing, missing) > _dot(without, without):
+    a, b = _vector(shoulder.lower), _vector(shoulder.upper)
+    q, without = _within(_vector(near), shoulder), _missing(R_TU, shoulder, clipped)
+    for pull in (EFFORT, 0.0):  # effort alone may keep all joints a little before their limits
+        q = _approach(R_TU, q, near, pull, shoulder)
+        missing = _missing(R_TU, shoulder, q)
+        if _dot(missing, missing) > _dot(without, without):
+            continue
+        more, stopped = _along_axes(shoulder, q, missing), False
+        for i in range(3):
+            stopped = stopped or not _towards(more[i], q[i], a[i], b[i])
+        if not stopped:
+            continue
+        for i in range(3):
+            if _towards(more[i], q[i], a[i], b[i]):
+                best[i] = q[i]
+            elif more[i] < 0.0:
+                best[i] = min(best[i], a[i] + more[i])
+            else:
+                best[i] = max(best[i], b[i] + more[i])
         return
-    for i in range(3):
-        if not ((best[i] < a[i] and q[i] <= a[i]) or (best[i] > b[i] and q[i] >= b[i])):
-            best[i] = q[i]
 
 
 _SHOULDER = record(ShoulderArrays, reads(2), *[reads(1)] * 4, reads(2), *[reads(1)] * 2)

@@ -72,7 +72,10 @@ def test_the_physics_is_watched_too() -> None:
     out[1, 3], fast[2, 4] = 2.1, -3.5
     assert any("joint3" in fault for fault in physics_violations(robot, out, still))
     assert any("joint4" in fault for fault in physics_violations(robot, still, fast))
-    assert physics_violations(robot, out, fast, servos=[0]) == []
+    assert physics_violations(robot, out, fast, without=(out, fast)) == []
+    assert physics_violations(robot, out + 0.01, fast, without=(out, fast))
+    assert physics_violations(robot, out, fast * 1.1, without=(out, fast))
+    assert physics_violations(robot, out, fast, without=(still, still))
     assert physics_violations(robot, np.full((1, 6), np.nan), still[:1])
 
 

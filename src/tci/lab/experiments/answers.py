@@ -63,9 +63,6 @@ class Answer:
     """The parts that a touch of a part makes it command; others may not be commanded."""
     moves_before: bool = False
     """True if it also moves them untouched."""
-    weak: bool = False
-    """True if a finger pushes the joints of this part faster than they can move: what the same poke does to
-    the robot that does not feel is no fault of the answer."""
     led: bool = False
     """True if the finger already moves the joints when the first command comes."""
     posture: Callable[[Robot], Mapping[str, Array]] = field(default=lambda robot: {})
@@ -140,7 +137,7 @@ def _relaxed(robot: Robot) -> dict[str, Array]:
     return {part: FingerReflex().relaxed(part, body) for part in body.parts("fingers")}
 
 
-LETS_GO = Answer("finger-reflex", FingerReflex(), Still(), _goes_away, weak=True, posture=_relaxed)
+LETS_GO = Answer("finger-reflex", FingerReflex(), Still(), _goes_away, posture=_relaxed)
 HOLDS = replace(LETS_GO, shown=_closes)
 STOPS = Answer("head-stop", HEAD_STOP, HEAD_STOP.inner, _stands, _arms, moves_before=True)
 LED = Answer("soft-hands", SoftHands(), Still(), _led, led=True)

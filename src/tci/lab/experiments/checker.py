@@ -123,35 +123,38 @@ def stray_servos(robot: Robot, parts: Collection[str], sent: Sequence[SafeComman
 
 
 def physics_violations(
-    robot: Robot,
-    positions: Array,
-    velocities: Array,
-    *,
-    servos: Collection[int] | None = None,
-    pushed: Array | None = None,
+    robot: Robot, positions: Array, velocities: Array, *, without: tuple[Array, Array] | None = None
 ) -> list[str]:
     """Returns one sentence for each limit that a simulated joint violates.
 
     Args:
         robot: Description of the robot, with the limits.
-        positions: Joint angles (samples, n_servos) [rad].
-        velocities: Joint speeds (samples, n_servos) [rad/s].
-        servos: The servos to look at, by default all.
-        pushed: Speeds (n_servos,) [rad/s] with which a finger alone moves the joints, which is permitted.
+        positions: Angles (samples, n_servos) [rad] in the simulation.
+        velocities: Speeds (samples, n_servos) [rad/s].
+        without: Angles and speeds of the same robot that was pushed alike but sent no motion. What the push
+            alone does to a joint, such as a weak finger's, is no fault of the commands; anything beyond is.
     """
     faults = []
     for servo in robot.servos:
-        if servos is not None and servo.index not in servos:
-            continue
-        limits = servo.limits
-        angles, speeds = positions[:, servo.index], np.abs(velocities[:, servo.index])
-        if limits.lower is not None and limits.upper is not None:
-            outside = np.maximum(angles - limits.upper, limits.lower - angles).max()
-            if not outside <= STOP_TOLERANCE:
-                faults.append(f"{servo.name}: moved {np.rad2deg(outside):.2f} degrees beyond its limits")
-        alone = 0.0 if pushed is None else float(pushed[servo.index])
-        if limits.velocity is not None and not speeds.max() <= max(limits.velocity, alone) * (1.0 + PUSHED):
-            faults.append(
-                f"{servo.name}: moved at {speeds.max():.3f} rad/s; valid: at most {limits.velocity:.3f}"
+        limits, own = servo.limits, servo.index
+        outside, speed = _beyond(servo, positions), float(np.abs(velocities[:, own]).max())
+        pushed = 0.0 if without is None else max(_beyond(servo, without[0]), 0.0)
+        if not outside <= pushed + STOP_TOLERANCE:
+            faults.append(f"{servo.name}: moved {np.rad2deg(outside):.2f} degrees beyond its limits")
+        if limits.velocity is not None:
+            fastest = (
+                limits.velocity
+                if without is None
+                else max(limits.velocity, float(np.abs(without[1][:, own]).max()))
             )
+            if not speed <= fastest * (1.0 + PUSHED):
+                faults.append(f"{servo.name}: moved at {speed:.3f} rad/s; valid: at most {fastest:.3f}")
     return faults
+
+
+def _beyond(servo: Servo, positions: Array) -> float:
+    """How far [rad] a joint was beyond its limits at most; below 0 if never."""
+    angles, limits = positions[:, servo.index], servo.limits
+    if limits.lower is None or limits.upper is None:
+        return -np.inf
+    return float(np.maximum(angles - limits.upper, limits.lower - angles).max())

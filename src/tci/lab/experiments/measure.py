@@ -31,6 +31,8 @@ class Trial:
     """Patch and taxel, as `World.finger.poke` takes them, or the receptive field whose centre was poked."""
     taxels: int
     """Number of taxels of the patch that the finger poked."""
+    depth_mm: float
+    """How deep [mm] the finger's base went below where the skin was."""
     responded: bool
     """True if the reflex commanded this part and no other part, and the part's skin moved away from the
     finger; or did what else it answers such a touch with (`answers`)."""
@@ -78,23 +80,25 @@ def measure(
     ]
     violations: dict[str, None] = {}
     halts: dict[str, None] = {}
-    alone = np.abs(np.array(held.velocities)).max(axis=0) if answer.weak else None
+    with_reflex, without = [(np.array(one.positions), np.array(one.velocities)) for one in (acted, held)]
+    untouched = sum(stamp < (held.first_contact or np.inf) for stamp in held.time)
+    found = physics_violations(robot, *with_reflex, without=without)
+    if untouched:
+        found += physics_violations(robot, *(one[:untouched] for one in without))
     for trace in (acted, held):
-        # a finger may push a joint that nobody commands beyond its limits, such as those of a weak hand
-        commanded_servos = {servo for sent in trace.sent for servo in sent.servos.tolist()}
-        moved = np.array(trace.positions), np.array(trace.velocities)
         violations |= dict.fromkeys(
             command_violations(robot, trace.sent, trace.positions, period, led=answer.led)
             + stray_servos(robot, answer.moves(robot, part), trace.sent)
-            + physics_violations(robot, *moved, servos=commanded_servos, pushed=alone)
         )
         halts |= dict.fromkeys(f"{sent.state.value}: {sent.reason}" for sent in trace.sent if sent.reason)
+    violations |= dict.fromkeys(found)
     return Trial(
         robot=robot.name,
         part=part,
         side=robot.part(part).side or "",
         site=site,
         taxels=acted.taxels,
+        depth_mm=round(acted.depth * 1e3, 3),
         responded=answer.shown(robot, part, acted, held),
         capability=answer.name,
         trigger_ms=_milliseconds(commanded[0] if commanded else None, contact),

@@ -50,6 +50,8 @@ class Trace:
     """Outward unit normal (3,) of the skin at the poked point, in the torso frame, before the poke."""
     taxels: int
     """Number of taxels of the poked patch."""
+    depth: float = 0.0
+    """Final depth [m] of the finger's base, from the stimulus."""
     start: float = 0.0
     """Time [s] at which the finger started to move."""
     first_contact: float | None = None
@@ -104,7 +106,7 @@ class _Poke(Trial):
         self.place = place
         _, normal = world.skin_point(place.patch, place.p_L, place.n_L)
         self._begun = world.skin_point_in_world(place.patch, place.p_L, place.n_L)
-        self.trace = Trace(place, normal, len(world.surfaces[place.patch].positions))
+        self.trace = Trace(place, normal, len(world.surfaces[place.patch].positions), stimulus.depth)
         shift = np.random.default_rng(seed).uniform(0.0, 0.020) * stimulus.speed
         self._way = {"speed": stimulus.speed, "depth": stimulus.depth, "gap": stimulus.gap + shift}
         self._world, self._watch = world, watch

@@ -35,6 +35,9 @@ SLOWEST = {50.0: 43.0, 100.0: 33.0}
 """Longest permitted time [ms] from touch to motion, by the frame rate [Hz] of the skin. The time consists of
 one frame period of the skin, and of 23 ms for gate and servo. Assumed: the robots in `tci demo` need less
 time."""
+FARTHER = 5.0
+"""Least distance [mm] by which the skin is farther away than without the reflex: half the depth of the usual
+poke. Where an arm moves little, near its shoulder, the finger goes less deep, and half of that counts."""
 LATE = 0.2
 """Time [s] after a touch in which its last frame arrives. Assumed: several frames of any skin."""
 ON_TAXELS = 0.2
@@ -187,6 +190,7 @@ def trial_faults(robot: Robot, trial: Trial) -> list[str]:
     rate = min(patch.rate for patch in robot.patches)
     slowest = SLOWEST.get(rate, 23.0 + 1e3 / rate)
     never = float("inf")
+    farther = min(FARTHER, 0.5 * trial.depth_mm)
     checks = {
         "the reflex did not move the skin away, or moved another part too": trial.responded,
         f"first motion after {trial.first_motion_ms} ms; valid: above 0, at most {slowest:g}": (
@@ -197,6 +201,10 @@ def trial_faults(robot: Robot, trial: Trial) -> list[str]:
         ),
         "contact also lost without the reflex; valid: the finger stays on the skin": (
             trial.contact_lost_without_reflex_ms is None
+        ),
+        f"withdrawn by {trial.withdrawn_mm:.1f} mm, and without the reflex by "
+        f"{trial.withdrawn_without_reflex_mm:.1f} mm; valid: at least {farther:.2g} mm more": (
+            trial.withdrawn_mm >= trial.withdrawn_without_reflex_mm + farther
         ),
         f"error of the centre of pressure {trial.cop_error_mm} mm; valid: at most 1 mm": (
             trial.cop_error_mm is not None and trial.cop_error_mm <= 1.0

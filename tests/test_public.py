@@ -35,6 +35,7 @@ MEMORIES = {
     "PolicyMemory",
     "Posture",
     "StopMemory",
+    "Taught",
     "Withdrawals",
 }
 """Memories of capabilities: programs hand them back and read nothing in them."""

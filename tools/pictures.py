@@ -24,6 +24,7 @@ import gallery
 import generic_arm
 import gentle
 import numpy as np
+import teach
 import touch_to_motion
 import without_skin
 from even_response import draw as draw_even_response
@@ -173,6 +174,7 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "pokes": lambda folder: gallery.pokes(folder, IMAGES),
     "kinds": lambda folder: gallery.kinds(folder, IMAGES),
     "gentle": lambda _: gentle.picture(IMAGES / "gentle.png"),
+    "teach": lambda _: teach.picture(IMAGES / "teach.png"),
     "attend": lambda folder: gallery.attend(folder, IMAGES),
     "soft": lambda folder: gallery.soft(folder, IMAGES),
     "body": lambda folder: gallery.body(folder, IMAGES),

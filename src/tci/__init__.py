@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from tci.capabilities.play_gesture import PlayGesture as PlayGesture
     from tci.capabilities.policy.capability import PolicyCapability as PolicyCapability
     from tci.capabilities.soft_reaction import SoftReaction as SoftReaction
+    from tci.capabilities.teach.capability import Teach as Teach
     from tci.capabilities.withdrawal import WithdrawalReflex as WithdrawalReflex
     from tci.capabilities.wrapper import CapabilityWrapper as CapabilityWrapper
     from tci.drivers.driver import Driver as Driver

@@ -41,6 +41,7 @@ from report import commit, save, show
 from row import HEAD, Row, write_page
 from squeezed import squeezed
 from stream import yarp_skin
+from teaches import teaches
 from timing import one_kilohertz
 from whole_arm import whole_arm
 from without_skin import felt_nothing, felt_places, felt_reflex
@@ -50,7 +51,7 @@ from wires import wires
 ROWS: dict[str, Callable[[bool], Row]] = {
     one.__name__: one
     for one in (
-        limits, modes, healthy, squeezed, bystander, attends, gentles, bodies,
+        limits, modes, healthy, squeezed, bystander, attends, gentles, teaches, bodies,
         moves_away, whole_arm, moved_arm, non_finite, heartbeat, one_kilohertz, loop,
         false_reflexes, descriptions, guided, heartbeats, wires, dropped, killed, minute, yarp_skin,
         yarp_kills, mutation, branches, exposure, felt_places, felt_nothing, felt_reflex,

@@ -205,9 +205,9 @@ class GenericBody:
         """
         return reach_of(self.robot, part, point)
 
-    def jacobian(self, perception: Perception, contact: Contact) -> Array:
+    def jacobian(self, perception: Perception, contact: Contact, part: str = "") -> Array:
         """Returns the Jacobian (3, n) [m/rad] of the contact point with respect to the generic joints of the
-        touched part.
+        touched part, or of another `part` that carries it, such as the arm of a touched finger.
 
         The Jacobian is expressed in the torso frame, with zero columns for joints that the robot lacks. The
         transpose of the Jacobian maps a force at the contact to torques of the generic joints.
@@ -215,7 +215,7 @@ class GenericBody:
         position = _joints(perception).position
         link = self.robot.patch(contact.patch).link
         moved = self.skin.kinematics.jacobian(position, link, point=contact.p_L)[:3]
-        return read_only(generic_columns(self.robot, contact.part, moved, position))
+        return read_only(generic_columns(self.robot, part or contact.part, moved, position))
 
     def retreat(
         self,
@@ -264,8 +264,9 @@ class GenericBody:
         return self._paces.pace(position, part, perception.posture[part], goal, people)
 
     def yield_to(
-        self, perception: Perception, contacts: Sequence[Contact], rates: ArrayLike, most: ArrayLike
-    ) -> Array:
+        self, perception: Perception, contacts: Sequence[Contact], rates: ArrayLike, most: ArrayLike,
+        part: str = "",
+    ) -> Array:  # fmt: skip
         """The speeds (n,) [rad/s] nearest to `rates` (n,) with which no contact point of a part moves faster
         into what touches it than `most` (c,) [m/s] says; below 0 it moves away. If not all are possible, the
         largest excess is as small as 20 corrections make it.
@@ -275,9 +276,10 @@ class GenericBody:
             contacts: c contacts of one part.
             rates: wanted speeds of its generic joints.
             most: largest speed of each contact point, along the skin's outward normal.
+            part: whose joints move, if it only carries the touched ones, as an arm its fingers.
         """
         speeds, limits = np.array(rates, np.float64), np.asarray(most, np.float64)
-        into = np.array([self.jacobian(perception, one).T @ one.n_T for one in contacts])
+        into = np.array([self.jacobian(perception, one, part).T @ one.n_T for one in contacts])
         sizes = (into**2).sum(axis=1) + 1e-4
         for _ in range(20):
             excess = into @ speeds - limits

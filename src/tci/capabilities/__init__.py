@@ -46,6 +46,11 @@ if TYPE_CHECKING:
     from tci.capabilities.soft_reaction import SoftReaction as SoftReaction
     from tci.capabilities.sway import Sway as Sway
     from tci.capabilities.sway import SwayMemory as SwayMemory
+    from tci.capabilities.teach.capability import Taught as Taught
+    from tci.capabilities.teach.capability import Teach as Teach
+    from tci.capabilities.teach.guide import Feel as Feel
+    from tci.capabilities.teach.motion import Correction as Correction
+    from tci.capabilities.teach.motion import Motion as Motion
     from tci.capabilities.withdrawal import Answer as Answer
     from tci.capabilities.withdrawal import WithdrawalReflex as WithdrawalReflex
     from tci.capabilities.withdrawal_memory import Response as Response

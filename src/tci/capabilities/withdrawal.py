@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Literal
 
@@ -33,6 +33,7 @@ from tci.messages import (
     GenericCommand,
     Mode,
     ModeLike,
+    Order,
     Perception,
     SwitchMode,
 )
@@ -203,6 +204,20 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
             return []
         most = np.abs(self._motions[[one.segment == refused.name for one in self._used]]).max(axis=0)
         return [Response(refused.name, tuple(row)) for row in beside(np.array(refused.motion), most).tolist()]
+
+    def resume(
+        self,
+        memory: WithdrawalMemory,
+        taken: frozenset[str],
+        last: tuple[Order, ...],
+        perception: Perception,
+        body: GenericBody,
+    ) -> tuple[tuple[Order, ...], WithdrawalMemory]:
+        """An arm that comes back is felt anew: its last target was meant for where it was then."""
+        back = {one.part for one in last if isinstance(one, Command)}
+        motions = {part: one for part, one in memory.motions.items() if part not in back}
+        kept = (one for one in last if not (isinstance(one, GenericCommand) and one.mode is self.mode))
+        return tuple(kept), replace(memory, motions=motions)
 
     def claims(self, memory: WithdrawalMemory) -> frozenset[str]:
         """The arms that withdraw, until `refractory` after their last touch."""

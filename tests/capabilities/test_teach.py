@@ -1,0 +1,207 @@
+"""Teaching by touch (judge: `helpers.taught`)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tci
+from helpers.taught import guide
+from tci.capabilities import Feel, Motion
+from tci.capabilities.teach.guide import guided
+from tci.errors import TciError
+from tci.gestures import Gesture, fit
+from tci.messages import ExpectContact, GenericCommand, Mode, SwitchMode
+from tci.messages.frames import Array
+from tci.testing import TouchedRobot
+from tci.touches.person import Person
+
+
+@pytest.mark.parametrize(("name", "seed"), [("nao", 3), ("icub", 2), ("g1", 2)])
+def test_a_guided_arm_goes_along_lightly_and_repeats_it(name: str, seed: int) -> None:
+    seen = guide(name, seed)
+    assert seen is not None
+    assert seen.median <= 5.0
+    assert seen.high <= 8.0
+    assert seen.kept >= 0.95
+    assert seen.peak > 2.0, "it was pushed"
+    assert seen.tapped
+    assert seen.off <= 2.0
+    assert seen.state == "RUN"
+
+
+def test_nobody_is_pressed_harder_by_a_guided_arm() -> None:
+    """A touched place moves into whoever touches it only to lower a larger force elsewhere, up to 15 N."""
+    robot, second, random = TouchedRobot("icub"), TouchedRobot("icub"), np.random.default_rng(0)
+    loaded = 0
+    for _ in range(60):
+        first, other = random.uniform(1.0, 25.0, 2)
+        seen = robot.perceive("left_forearm", taxel=int(random.integers(200)), force=float(first))
+        more = second.perceive("left_upper_arm", taxel=int(random.integers(200)), force=float(other))
+        contacts = [*seen.contacts, *more.contacts]
+        if len(contacts) < 2:
+            continue
+        rates = guided(
+            Feel(), 15.0, "left_arm", contacts, random.uniform(-0.5, 0.5, 5), 0.02, seen, robot.body
+        )
+        force = np.array([one.force for one in contacts])
+        into = np.array([robot.body.jacobian(seen, one).T @ one.n_T for one in contacts])
+        if np.linalg.matrix_rank(into, tol=0.05) < len(contacts):
+            continue
+        most = np.maximum(np.minimum(force.max(), 15.0) - force, 0.0) / Feel().damping
+        assert (into @ rates <= most + 0.01).all()
+        assert into[int(force.argmax())] @ rates <= 0.01
+        loaded += int((into @ rates > 0.01).any())
+    assert loaded > 3, "some were loaded to lower a larger force"
+
+
+class Scene:
+    """A robot that goes where it is told at once, in steps of 20 ms, and is touched as a test says."""
+
+    def __init__(self, name: str, capability: tci.Capability[Any]) -> None:
+        self.robot, self.capability = TouchedRobot(name), capability
+        self.body = self.robot.body
+        self.memory: Any = capability.init(self.body)
+        self.posture: dict[str, Array] = {}
+        self.orders: list[Any] = []
+        for order in capability.begin(self.robot.perceive(), self.body):
+            assert isinstance(order, SwitchMode)
+
+    def touch(self, patch: str | None, seconds: float, force: float = 3.0, turn: Array | None = None) -> None:
+        """A touch; whoever holds a soft arm leads it by `turn` [rad/s]."""
+        for _ in range(round(seconds / 0.02)):
+            seen = self.robot.perceive(patch, force=force)
+            for part, angles in self.posture.items():
+                seen.posture[part] = angles  # type: ignore[index]
+            given, self.memory = self.capability.step(self.memory, seen, self.body)
+            self.orders += given
+            for order in given:
+                if isinstance(order, GenericCommand) and order.mode in (Mode.VELOCITY, Mode.IMPEDANCE):
+                    here, limit = (
+                        seen.posture[order.part],
+                        0.02 * (np.inf if order.speed is None else order.speed),
+                    )
+                    way = 0.02 * order.values if order.mode is Mode.VELOCITY else order.values - here
+                    self.posture[order.part] = here + np.clip(way, -limit, limit)
+            if turn is not None and patch is not None:
+                part = self.body.robot.patch(patch).part
+                self.posture[part] = self.posture.get(part, seen.posture[part]) + 0.02 * turn
+
+    def tap(self, patch: str, count: int = 1) -> None:
+        for _ in range(count):
+            self.touch(patch, 0.1, force=2.0)
+            self.touch(None, 0.2)
+        self.touch(None, 0.5)
+
+
+def test_a_lesson_is_repeated_corrected_and_corrections_are_taken_back() -> None:
+    scene = Scene("g1", tci.Teach())
+    scene.touch(None, 0.1)
+    assert scene.capability.claims(scene.memory) == set()
+    scene.touch("left_forearm", 1.0)
+    assert scene.capability.claims(scene.memory) == {"left_arm"}
+    assert any("guided" in note for note in scene.capability.notes(scene.memory))
+    scene.touch(None, 1.0)
+    end = scene.posture["left_arm"]
+    scene.tap("left_forearm")
+    assert scene.memory.motion is None, "a poke of the guided arm is no end"
+    scene.tap("right_forearm")
+    motion = scene.memory.motion
+    assert motion.parts == ("left_arm",)
+    assert 0.8 < motion.duration < 1.2
+    scene.touch(None, 4.0)
+    np.testing.assert_allclose(scene.posture["left_arm"], motion.at(motion.duration)["left_arm"], atol=0.02)
+    np.testing.assert_allclose(scene.posture["left_arm"], end, atol=0.05)
+    scene.tap("left_forearm", 2)  # again
+    scene.touch(None, 1.0)
+    while scene.memory.played < 0.5:
+        scene.touch(None, 0.02)
+    scene.touch("left_forearm", 1.0)
+    assert scene.memory.played < 0.6, "it waits while it is held"
+    led = scene.posture["left_arm"]
+    scene.touch(None, 0.1)
+    (one,) = scene.memory.motion.corrections
+    np.testing.assert_allclose(
+        scene.memory.motion.at(one.time)["left_arm"], scene.posture["left_arm"], atol=0.05
+    )
+    assert np.abs(led - motion.at(one.time)["left_arm"]).max() > 0.1
+    scene.touch(None, 3.0)
+    scene.tap("right_forearm", 3)
+    assert scene.memory.motion.corrections == ()
+
+
+def test_whoever_presses_too_hard_gets_the_reflex() -> None:
+    layers = tci.Arbiter([tci.Teach(), tci.WithdrawalReflex()])
+    scene = Scene("icub", layers)
+    scene.touch("left_forearm", 1.0, force=6.0)
+    assert "left_arm" in layers.layers[0].claims(scene.memory.layers[0].memory)
+    assert max(one.force for one in scene.orders if isinstance(one, ExpectContact)) <= 65.0
+    assert not any(isinstance(one, GenericCommand) and one.mode is Mode.POSITION for one in scene.orders)
+    scene.orders.clear()
+    here = scene.posture["left_arm"]
+    scene.touch("left_forearm", 0.2, force=20.0)
+    moves = [one for one in scene.orders if isinstance(one, GenericCommand)]
+    assert {one.mode for one in moves} == {Mode.POSITION}
+    assert 0.05 < np.abs(moves[0].values - here).max() < 1.5, "from where it is now"
+    assert any("more than 15 N" in note for note in layers.notes(scene.memory))
+
+
+@pytest.mark.parametrize(("patch", "part"), [("left_hand", "left_arm"), ("head", "head")])
+def test_a_plain_nao_is_soft_while_its_hand_or_head_is_held(patch: str, part: str) -> None:
+    scene = Scene("nao-plain", tci.Teach())
+    turn = np.full(scene.body.robot.part(part).initial_posture.shape, 0.2)
+    scene.touch(patch, 1.2, turn=turn)
+    soft = [
+        one.values for one in scene.orders if isinstance(one, GenericCommand) and one.mode is Mode.STIFFNESS
+    ]
+    assert [float(one.max()) for one in soft] == [0.2]
+    assert {one.part for one in scene.orders} == {part}
+    scene.touch(None, 0.4)
+    assert scene.orders[-2].mode is Mode.STIFFNESS or any(
+        isinstance(one, GenericCommand) and one.mode is Mode.STIFFNESS and one.values.min() == 1.0
+        for one in scene.orders
+    )
+    end = scene.posture[part]
+    scene.tap("right_hand")
+    scene.touch(None, 4.0)
+    assert scene.memory.motion.parts == (part,)
+    np.testing.assert_allclose(scene.posture[part], end, atol=0.03)
+
+
+def test_the_end_of_a_lesson_is_recognised() -> None:
+    """Taps of 20 persons whose pace differs by four times; and nothing that they do before ends it."""
+    right = 0
+    for number in range(20):
+        persons = {"p": Person.drawn(f"teacher {number}", seed=7)}
+        robot, teach = TouchedRobot("nao"), tci.Teach()
+        memory, ended = teach.init(robot.body), []
+        held = ["hold 'left forearm' 3N 1.5s @0.3s by p", "tap 'right forearm' @2.8s by p"]
+        for seen in robot.feel(held, persons=persons, seed=number):
+            _, memory = teach.step(memory, seen, robot.body)
+            if memory.motion is not None and not ended:
+                ended.append(seen.stamp)
+        for _ in range(30):
+            _, memory = teach.step(memory, (seen := robot.perceive()), robot.body)
+            if memory.motion is not None and not ended:
+                ended.append(seen.stamp)
+        right += bool(ended) and ended[0] > 2.8
+    assert right >= 20 * 98 // 100
+
+
+def test_a_taught_motion_is_a_gesture_for_any_robot() -> None:
+    body = tci.GenericBody("talos")
+    start = body.robot.part("right_arm").initial_posture
+    angles = [start + 0.4 * np.sin(0.05 * k) * np.array([1, 0.5, 0, 1, 0]) for k in range(100)]
+    motion = Motion.of([0.02 * k for k in range(100)], {"right_arm": angles})
+    gesture = motion.gesture(body)
+    own = fit("talos", gesture).gesture.postures["right_arm"]
+    np.testing.assert_allclose(own, motion.taught.postures["right_arm"][: len(own)], atol=np.deg2rad(1.0))
+    teach = tci.Teach(gesture=gesture)
+    assert teach.init(tci.GenericBody("nao-plain")).motion is not None
+    assert isinstance(gesture, Gesture)
+    with pytest.raises(TciError, match=r"teach: most 40.0; valid: 1 to 30"):
+        tci.Teach(most=40.0)
+    with pytest.raises(TciError, match=r"less than 0.2 s"):
+        Motion.of([0.0], {"right_arm": [start]})

@@ -1,0 +1,346 @@
+"""Judge of `tci.Teach`: hands that guide an arm, and tap, on a plant that shares nothing with the gate.
+
+A hand is a mass that the person's arm pulls along, behind a soft pad: the person wants it to move at a steady
+speed into the skin, and keeps it beside the place that it touched. Nothing of the capability is used but its
+commands; plant and forces are those of `rigid_robot`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import mujoco
+import numpy as np
+
+import tci
+from helpers.gentled import _angles, _skin
+from helpers.rigid_robot import AWAY, ROBOT, STEP, Person, RigidDriver, RigidRobot
+from tci.messages.frames import Array
+from tci.robot.joint_map import joint_map
+from tci.robot.kinematics import KinematicChain
+from tci.runtime.loop import run
+from tci.skin.skin import Skin
+
+SPEED = 0.2
+"""Speed [m/s] at which people guide."""
+STARTS = 0.15
+"""Time [s] in which a hand gets this speed."""
+BESIDE = 0.05
+"""Time constant [s] with which a hand stays beside the place that it touched."""
+MEASURED = 0.3
+"""Time [s] after the first contact from which on forces count."""
+GUIDES = 1.1
+"""Time [s] for which a hand pushes."""
+RADIUS = 0.012
+ON_LINK = 0.02
+"""Distance [m] of a taxel from its link's surface up to which the plant feels there."""
+LEAST = 0.07
+"""Lever [m] below which nobody guides an arm: it would be pushed along its own length."""
+FREE = float(np.deg2rad(3.0))
+"""Angle [rad] to a joint's limit within which no arm goes on."""
+
+
+@dataclass
+class Guide:
+    """A hand that pushes a place of a link."""
+
+    plant: GuidedRobot
+    name: str
+    link: str
+    p_L: Array
+    n_L: Array
+    mass: float
+    """[kg]"""
+    arm: float
+    """Stiffness [N/m] of the person's arm."""
+    damping: float
+    """Ratio on it."""
+    pad: float
+    speed: float = SPEED
+    begins: float = 0.5
+    """[s]"""
+    lasts: float = GUIDES
+    first: float | None = None
+    """Time [s] of the first contact."""
+    rows: list[tuple[float, float]] = field(default_factory=list)
+    """Time [s] and force [N]."""
+    elsewhere: bool = False
+    """It touched another link: there was no room for it."""
+    _height: float = 0.0
+    _x: Array | None = None
+    _v: Array = field(default_factory=lambda: np.zeros(3))
+    _wanted: Array = field(default_factory=lambda: np.zeros(3))
+
+    def step(self) -> None:
+        """One step of the hand, before that of the plant."""
+        now = self.plant.time
+        if now < self.begins or (self.first is not None and now > self.first + self.lasts):
+            if self._x is not None:
+                self.plant.shift(self.name, AWAY)
+                self._x = None
+            return
+        position, rotation = self.plant.link_pose(self.link)
+        n = rotation @ self.n_L
+        if self._x is None:
+            self._height = self.plant.height(self.link, self.p_L, self.n_L)
+        place = position + rotation @ self.p_L + self._height * n
+        if self._x is None:
+            self._x = place + 2e-3 * n
+            self._wanted = self._x.copy()
+        spring = self.plant.pressed(self.name)
+        force = float(np.linalg.norm(spring))
+        if self.first is None and force > 0.3:
+            self.first = now
+        self.elsewhere |= force > 0.3 and self.plant.touches_other(self.name, self.link)
+        pace = 0.1 if self.first is None else min(1.0, 0.1 + (now - self.first) / STARTS)
+        apart = place - self._wanted
+        beside = (apart - (apart @ n) * n) / BESIDE
+        speed = beside - pace * self.speed * n
+        self._wanted = self._wanted + STEP * speed
+        damper = 2.0 * self.damping * np.sqrt(self.arm * self.mass)
+        pull = self.arm * (self._wanted - self._x) + damper * (speed - self._v) + spring
+        self._v = self._v + STEP * pull / self.mass
+        self._x = self._x + STEP * self._v
+        self.plant.shift(self.name, self._x)
+        self.rows.append((now, force))
+
+    @property
+    def force(self) -> tuple[Array, Array]:
+        """Times [s] since the first contact, and forces [N]."""
+        rows = np.array(self.rows)
+        return rows[:, 0] - (self.first or 0.0), rows[:, 1]
+
+
+class GuidedRobot(RigidRobot):
+    """The plant with hands that are simulated beside it."""
+
+    hands: tuple[Any, ...] = ()
+
+    def _drive(self) -> None:
+        for hand in self.hands:
+            hand.step()
+        super()._drive()
+
+    def height(self, link: str, p_L: Array, n_L: Array) -> float:
+        """How far above a point of a link a hand's middle is when it first touches it [m]: skin lies above or
+        in the hulls that touch."""
+        model, data = self.model, mujoco.MjData(self.model)
+        data.geom_xpos[:], data.geom_xmat[:] = self.data.geom_xpos, self.data.geom_xmat
+        weld = model.body_weldid[model.body(link).id]
+        hulls = np.flatnonzero((model.body_weldid[model.geom_bodyid] == weld) & (model.geom_contype == ROBOT))
+        position, rotation = self.link_pose(link)
+        own, n, height = model.geom(self.people[0].name).id, rotation @ n_L, 0.05
+        for _ in range(8):
+            data.geom_xpos[own] = position + rotation @ p_L + height * n
+            height -= min(
+                mujoco.mj_geomDistance(model, data, own, hull, 0.1, None) for hull in hulls.tolist()
+            )
+        return height
+
+    def touches_other(self, name: str, link: str) -> bool:
+        """True if a person's surface touches another link than `link`."""
+        model, own = self.model, self.model.geom(name).id
+        weld = model.body_weldid[model.body(link).id]
+        geoms = [
+            {*one.geom.tolist()} - {own} for one in self.data.contact[: self.data.ncon] if own in one.geom
+        ]
+        return any(model.body_weldid[model.geom_bodyid[geom]] != weld for pair in geoms for geom in pair)
+
+    def pressed(self, name: str) -> Array:
+        """Force (3,) [N] of a person's surface on whoever holds it."""
+        k = [one.name for one in self.people].index(name)
+        qpos, dof = self._surfaces[k]
+        if not self.data.ncon:
+            return np.zeros(3)
+        found: Array = (
+            self.people[k].stiffness * self.data.qpos[qpos]
+            + self.model.dof_damping[dof] * self.data.qvel[dof]
+        )
+        return found
+
+
+@dataclass
+class Tap:
+    """A finger that comes down on a place at certain times, each time for a moment."""
+
+    plant: GuidedRobot
+    name: str
+    link: str
+    p_L: Array
+    n_L: Array
+    times: tuple[float, ...]
+    """[s]; may be set later."""
+    length: float = 0.1
+    """[s]"""
+    depth: float = 2e-3
+    """[m]"""
+    felt: bool = False
+    """The skin of the plant felt it."""
+
+    def step(self) -> None:
+        now = self.plant.time
+        if not self.felt and float(np.linalg.norm(self.plant.pressed(self.name))) > 0.5:
+            self.felt = self.plant.on_skin()
+        deep = max(
+            (np.sin(np.pi * (now - at) / self.length) for at in self.times if at <= now <= at + self.length),
+            default=-1.0,
+        )
+        if deep < 0.0:
+            self.plant.shift(self.name, AWAY)
+            return
+        position, rotation = self.plant.link_pose(self.link)
+        n = rotation @ self.n_L
+        away = self.plant.height(self.link, self.p_L, self.n_L) + 2e-3 - (self.depth + 2e-3) * deep
+        self.plant.shift(self.name, position + rotation @ self.p_L + away * n)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    robot: str
+    patch: str
+    rate: float
+    pad: float
+    seconds: float
+    """Measured time [s]: until a joint came to its limit, or the gate stopped the arm before a collision."""
+    median: float
+    high: float
+    """Median and 95th percentile of the force [N], from `MEASURED` on."""
+    kept: float
+    """Share of that time with contact."""
+    peak: float
+    """Largest force [N], from the first contact on."""
+    tapped: bool
+    """The skin of the other arm was touched by the tap."""
+    off: float
+    """Between the taught and the repeated path [deg], r.m.s. over time of the joint that is worst."""
+    state: str
+    why: str
+    """Why the time was short."""
+    force: tuple[Array, Array]
+    """Times [s] since the first contact, and forces [N]."""
+    taught: tuple[Array, Array]
+    repeated: tuple[Array, Array]
+    """Times [s] since their begin, and generic angles (k, n) [rad]."""
+
+
+def guide(
+    name: str, seed: int, *, repeat: bool = True, capability: tci.Capability[Any] | None = None
+) -> Outcome | None:
+    """A hand guides an arm at a random place; then the other arm is tapped. None if the arm can't go at 0.2
+    m/s there."""
+    random, robot = np.random.default_rng(seed), tci.load_robot(name)
+    arms = [one.name for one in robot.parts if one.kind == "arm"]
+    part = str(random.choice(arms))
+    other = next(one for one in arms if one != part)
+    start = np.deg2rad(random.uniform([0, 15, -20, 40, -20], [50, 50, 20, 90, 20]))
+    angles = _angles(robot, part, start)
+    rate = float(random.choice([100.0, 500.0]))
+    pad = float(np.exp(random.uniform(np.log(800.0), np.log(2000.0))))
+    plant = GuidedRobot(
+        robot, people=[Person("hand", pad, radius=RADIUS), Person("finger", 1500.0, radius=RADIUS)],
+        seed=seed, angles=angles, rate=rate,
+    )  # fmt: skip
+    link, patch, p_L, n_L = _place(plant, part, random)
+    hand = Guide(
+        plant, "hand", link, p_L, n_L, random.uniform(0.4, 0.8), random.uniform(200.0, 800.0),
+        random.uniform(0.5, 1.0), pad,
+    )  # fmt: skip
+    if not _can_go(plant, part, hand):
+        return None
+    tap_link, _, tap_p, tap_n = _place(plant, other, random)
+    tap = Tap(plant, "finger", tap_link, tap_p, tap_n, ())
+    plant.hands = hand, tap
+    joints = joint_map(robot, part)
+    limits = [robot.servos[k].limits for k in joints.servos]
+    low = np.array([-np.inf if one.lower is None else one.lower for one in limits]) + FREE
+    high = np.array([np.inf if one.upper is None else one.upper for one in limits]) - FREE
+    path: list[tuple[float, Array]] = []
+    ended: list[tuple[float, str]] = []
+
+    def see(tick: Any) -> None:
+        angles = plant.position
+        path.append((plant.time, joints.to_generic(angles)))
+        own = angles[joints.servos]
+        if hand.first is None or plant.time > hand.first + hand.lasts:
+            return
+        if not ((own > low) & (own < high)).all() and not ended:
+            ended.append((plant.time, "a joint's limit"))
+        for one in tick.sent.clamped:
+            if not ended:
+                ended.append(
+                    (plant.time, "its own body" if "would come" in str(one) else "the gate's limits")
+                )
+        tap.times = (hand.first + hand.lasts + 0.6,)
+
+    lasts = 0.6 + GUIDES + 0.2 + ((0.6 + 0.7 + 3.0 + GUIDES + 0.5) if repeat else 0.0)
+    result = run(RigidDriver(plant), capability or tci.Teach(), duration=lasts, observe=see)
+    if hand.first is None or hand.elsewhere:
+        return None
+    times, forces = hand.force
+    until = ended[0][0] - hand.first if ended else hand.lasts
+    measured = forces[(times >= MEASURED) & (times <= until)]
+    if len(measured) < 0.2 / STEP:
+        return None
+    taught = [(t, a) for t, a in path if hand.first <= t <= hand.first + hand.lasts + 0.1]
+    later = [(t, a) for t, a in path if tap.times and t > tap.times[0] + 0.3]
+    off, led, repeated = _off(taught, later)
+    return Outcome(
+        name, patch, rate, pad, min(until, hand.lasts) - MEASURED, float(np.median(measured)),
+        float(np.percentile(measured, 95)), float((measured > 0.1).mean()),
+        float(forces[(times >= 0.0) & (times <= until)].max()), tap.felt, off, result.state.name,
+        ended[0][1] if ended else "", (times, forces), led, repeated,
+    )  # fmt: skip
+
+
+def _place(plant: GuidedRobot, part: str, random: np.random.Generator) -> tuple[str, str, Array, Array]:
+    """Link, patch, point and normal in the link's frame of a random taxel of an arm, or of what it carries,
+    that lies on the link: sleeves of some robots reach over other links, where this plant feels nothing."""
+    robot, angles = plant.robot, plant.position
+    side = robot.part(part).side
+    patches = [one for one in robot.skin if one.part == part and one.segment] or [
+        one
+        for one in robot.skin
+        if robot.part(one.part).kind in ("hand", "fingers") and robot.part(one.part).side == side
+    ]
+    skin, chain = Skin(robot), KinematicChain(robot)
+    while True:
+        patch = patches[int(random.integers(len(patches)))]
+        positions, normals = _skin(skin, patch.name, angles)
+        taxel = int(random.integers(len(positions)))
+        T_TL = chain.poses(angles, [patch.link])[patch.link]
+        back = T_TL[:3, :3].T
+        p_L, n_L = back @ (positions[taxel] - T_TL[:3, 3]), back @ normals[taxel]
+        if abs(plant.height(patch.link, p_L, n_L) - RADIUS) < ON_LINK:
+            return patch.link, patch.name, p_L, n_L
+
+
+def _can_go(plant: GuidedRobot, part: str, hand: Guide) -> bool:
+    """The least joint speeds that move the place at the hand's speed are within 60 % of the servos', and the
+    place is `LEAST` away from the axes."""
+    robot, joints = plant.robot, joint_map(plant.robot, part)
+    chain = KinematicChain(robot)
+    columns = chain.jacobian(plant.position, hand.link, point=hand.p_L)[:3, joints.servos]
+    T_TL = chain.poses(plant.position, [hand.link])[hand.link]
+    push = columns.T @ -(T_TL[:3, :3] @ hand.n_L)
+    speeds = np.abs(push) * hand.speed / max(float(push @ push), 1e-9)
+    most = np.array([robot.servos[k].limits.velocity or np.inf for k in joints.servos])
+    return bool((speeds < 0.6 * most).all()) and float(np.linalg.norm(push)) >= LEAST
+
+
+Path = tuple[Array, Array]
+
+
+def _off(taught: list[tuple[float, Array]], later: list[tuple[float, Array]]) -> tuple[float, Path, Path]:
+    """Angle [deg], r.m.s., between the taught path and the part of the later one that fits best; and both."""
+    times, path = np.array([t for t, _ in taught]), np.array([a for _, a in taught])
+    seen, found = np.array([t for t, _ in later]), np.array([a for _, a in later])
+    times = times - times[0]
+    best, at = np.inf, path
+    last = max(seen[-1] - times[-1], seen[0]) if len(seen) else -np.inf
+    for begin in np.arange(seen[0] if len(seen) else 0.0, last + 1e-9, 0.02):
+        there = np.column_stack([np.interp(times + begin, seen, column) for column in found.T])
+        off = float(np.sqrt(((there - path) ** 2).mean(axis=0)).max())
+        if off < best:
+            best, at = off, there
+    return float(np.degrees(best)), (times, path), (times, at)

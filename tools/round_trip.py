@@ -19,13 +19,13 @@ from tci.drivers.remote import encoding as remote_cdr
 from tci.drivers.remote.address import parse_remote
 from tci.drivers.remote.protocol import SessionFrame
 from tci.messages import SkinFrame
+from tci.shared.ros2_node import open_node
+from tci.shared.ros_node import RosNode
 from tci.wires.lcm import encoding as remote_lcm
 from tci.wires.lcm.driver import _Bus
 from tci.wires.player.wire import OPAQUE, STATE, Message, MessageKind, Stream, blob, to_blob
 from tci.wires.ros.messages import BYTES, NO_LAYOUT
-from tci.wires.ros.node import RosNode
 from tci.wires.ros.ros1 import Ros1Node
-from tci.wires.ros.ros2 import open_node
 from tci.wires.ros.rosbridge import RosbridgeNode
 from tci.wires.unitree.messages import HAND_STATE
 from tci.wires.unitree.node import UnitreeNode, latest

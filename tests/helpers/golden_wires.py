@@ -189,7 +189,7 @@ def lcm() -> tuple[Said, Said]:
 
 def node() -> tuple[Any, dict[str, Callable[..., None]], Said]:
     """A node that keeps what is published, and the callbacks of its topics."""
-    from tci.wires.ros.node import RosNode
+    from tci.shared.ros_node import RosNode
 
     published: Said = []
     heard: dict[str, Callable[..., None]] = {}

@@ -23,8 +23,8 @@ from tci.gate.safe_command import GateState
 from tci.messages import Reading
 from tci.recording.schemas import JOINTS
 from tci.robot.joint_map import initial_position
+from tci.shared.ros_node import RosNode
 from tci.wires.ros.messages import BYTES, NO_LAYOUT
-from tci.wires.ros.node import RosNode
 
 PATCHES = {patch.name: patch.channels for patch in tci.load_robot("nao").patches}
 Start = Callable[..., "subprocess.Popen[str]"]

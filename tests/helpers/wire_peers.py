@@ -26,9 +26,9 @@ from helpers.ros_robots import anywhere, garbage_on, here_only, roscore
 from helpers.served import needs_qi
 from tci.drivers.driver import Driver
 from tci.drivers.simulated import SimulatedDriver
+from tci.shared.ros2_dds import DdsNode
 from tci.wires.lcm.datagrams import Transmitter
 from tci.wires.ros.ros1 import Ros1Node
-from tci.wires.ros.ros2_dds import DdsNode
 from tci.wires.ros.rosbridge import RosbridgeNode, parse
 from tci.wires.unitree.messages import STATE
 from tci.wires.unitree.node import UnitreeNode

@@ -55,7 +55,7 @@ with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
 LOOK = """
 import os, time
 os.environ |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_STATIC_PEERS": "10.77.1.2"}
-from tci.wires.ros.ros2 import open_node
+from tci.shared.ros2_node import open_node
 node, end, seen = open_node("stranger", ""), time.monotonic() + 5.0, ()
 while not seen and time.monotonic() < end:
     seen = node.types_of("/joint_states")

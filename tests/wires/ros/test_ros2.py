@@ -34,9 +34,9 @@ from tci.exports.facts import query, read_facts
 from tci.recording.schemas import CLOUD, JOINTS
 from tci.robot.description import Address, Robot
 from tci.robot.joint_map import initial_position
+from tci.shared.ros2_dds import DdsNode, _settings, type_hash
 from tci.wires.ros.messages import BYTES, TEXT, TRAJECTORY, VALUES
 from tci.wires.ros.native import QUEUE
-from tci.wires.ros.ros2_dds import DdsNode, _settings, type_hash
 
 SERVE = (sys.executable, "-m", "tci.cli.main", "serve", "nao", "--duration", "120", "--via")
 

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from helpers.skin_data import SkinData
 from tci.errors import FrameError
 from tci.recording.schemas import CLOUD, SKIN
+from tci.shared.ros2_dds import _idl
 from tci.wires.ros.messages import BYTES
-from tci.wires.ros.ros2_dds import _idl
 from tci.wires.unitree import messages, wire
 
 

@@ -22,10 +22,10 @@ from tci.gate.safe_command import SafeCommand
 from tci.messages import Reading
 from tci.recording.schemas import JOINTS
 from tci.robot.description import Robot
+from tci.shared.ros_node import Callback, Publish, RosNode
 from tci.wires.ros.messages import BYTES, NO_LAYOUT
 from tci.wires.ros.names import Names
 from tci.wires.ros.native import NativeRobot
-from tci.wires.ros.node import Callback, Publish, RosNode
 
 WAIT = 5.0
 """Time [s] that a new driver waits for the robot's joint data. Assumed: discovery of nodes takes a few

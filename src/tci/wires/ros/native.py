@@ -17,10 +17,10 @@ from tci.messages import Reading
 from tci.messages.frames import Array
 from tci.recording.schemas import CLOUD, IMU, JOINTS, SKIN, raw_of_cloud, to_frame
 from tci.robot.description import Robot
+from tci.shared.ros_node import Callback, Publish, RosNode
 from tci.wires.ros.arrivals import ImuArrivals, JointArrivals, SkinArrivals
 from tci.wires.ros.messages import NO_LAYOUT, TRAJECTORY, VALUES
 from tci.wires.ros.names import Names
-from tci.wires.ros.node import Callback, Publish, RosNode
 
 QUEUE = 16
 """Largest number of JointState messages that are kept between two periods. Assumed: a robot has a few

@@ -28,9 +28,9 @@ from tci.errors import DriverError, MissingExtraError
 from tci.recording.rosmsg.cdr import MessageType
 from tci.robot.description import Robot
 from tci.shared.own_sockets import ConnectionMonitor, listening
+from tci.shared.ros_node import Callback, Publish, RosNode, namespace_of
 from tci.wires.ros.driver import WAIT, RosDriver
 from tci.wires.ros.names import token
-from tci.wires.ros.node import Callback, Publish, RosNode, namespace_of
 from tci.wires.ros.server import RosServer
 from tci.wires.ros.tree import Trees
 from yarpwire.connection_limit import MOST

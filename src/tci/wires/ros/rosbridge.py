@@ -17,8 +17,8 @@ from tci.drivers.driver import Driver
 from tci.errors import DriverError
 from tci.recording.rosmsg.cdr import MessageType
 from tci.robot.description import Robot
+from tci.shared.ros_node import Callback, Publish, RosNode, namespace_of
 from tci.wires.ros.driver import WAIT, RosDriver
-from tci.wires.ros.node import Callback, Publish, RosNode, namespace_of
 from tci.wires.ros.server import RosServer
 from tci.wires.ros.tree import Trees
 

@@ -30,11 +30,11 @@ from tci.recording.schemas import CLOUD, JOINTS, SKIN, joints_values, skin_value
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 from tci.robot.kinematics import KinematicChain
+from tci.shared.ros_node import RosNode
 from tci.skin.surfaces import build_surface
 from tci.wires.ros.cloud import PatchCloud
 from tci.wires.ros.messages import BYTES, NO_LAYOUT, TEXT, TRAJECTORY, VALUES
 from tci.wires.ros.names import Names
-from tci.wires.ros.node import RosNode
 from tci.wires.ros.trajectory import Trajectory
 
 MOST_ORDERS = 64

@@ -32,7 +32,7 @@ from tci.errors import DriverError
 from tci.recording.rosmsg.cdr import HEADER, MessageType, decode, encode, item_of
 from tci.shared.dds_domain import MOST_PARTICIPANTS, close_domain, open_domain
 from tci.shared.dds_types import carry_raw
-from tci.wires.ros.node import LIFESPAN, Callback, Publish, RosNode
+from tci.shared.ros_node import LIFESPAN, Callback, Publish, RosNode
 
 RELIABLE = Policy.Reliability.Reliable(duration(milliseconds=0))
 """Policy that repeats lost messages, but never waits for a slow reader."""

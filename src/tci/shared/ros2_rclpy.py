@@ -18,7 +18,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from tci.errors import DriverError
 from tci.recording.rosmsg.cdr import MessageType, decode, encode
-from tci.wires.ros.node import LIFESPAN, Callback, Publish, RosNode
+from tci.shared.ros_node import LIFESPAN, Callback, Publish, RosNode
 
 BEFORE_RANGES = ("foxy", "galactic", "humble")
 """Distributions of ROS 2 that have ROS_LOCALHOST_ONLY instead of ROS_AUTOMATIC_DISCOVERY_RANGE."""

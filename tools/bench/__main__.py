@@ -32,6 +32,7 @@ CASES = {
     "loop": "loop:loop",
     "real_time_factor": "touch:real_time_factor",
     "ticks": "ticks:ticks",
+    "hands": "hands:hands",
     "learning": "learning:learning",
     "start": "start:start",
     "demo": "start:demo",

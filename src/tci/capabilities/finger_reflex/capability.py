@@ -94,11 +94,12 @@ class FingerReflex(Capability[FingerMemory]):
                     )
                 open_[part] = LetGo(now, pressed)
                 continue
-            hangs = self.relaxed(part, body)
-            begins = before is None and np.abs(perception.posture[part] - hangs).max() > NEAR
+            begins = before is None
             if begins or (part in open_ and now - open_[part].felt >= self.quiet):
                 open_.pop(part, None)
-                commands.append(GenericCommand(part, Mode.POSITION, hangs, self.speed))
+                hangs = self.relaxed(part, body)
+                if not begins or np.abs(perception.posture[part] - hangs).max() > NEAR:
+                    commands.append(GenericCommand(part, Mode.POSITION, hangs, self.speed))
         return tuple(commands), FingerMemory(grips, open_)
 
     def relaxed(self, part: str, body: GenericBody) -> Array:
@@ -121,6 +122,8 @@ class FingerReflex(Capability[FingerMemory]):
 
     def _pressed(self, part: str, perception: Perception) -> str:
         """The finger that is pressed most; empty if none is."""
+        if not len(perception.contacts):
+            return ""
         forces = dict.fromkeys(FINGERS, 0.0)
         for contact in perception.contacts:
             if contact.part == part and contact.segment in forces:

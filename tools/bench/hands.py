@@ -1,8 +1,8 @@
 """Processor time of a robot that feels with its hands, as a multiple of one that feels with its arms.
 
-Own thread time of perceiving alone, and with capability, conversion and gate, over all periods, on simulated robots that are
-poked at random taxels every 0.7 s: a G1 whose Inspire hands have 2124 taxels in 34 pads, beside a G1 with
-1296 taxels in four sleeves. Rounds of the two take turns.
+Own thread time of perceiving alone, and with capability, conversion and gate, over all periods, on simulated
+robots that are poked at random taxels every 0.7 s: a G1 whose Inspire hands have 2124 taxels in 34 pads, at
+50 Hz, beside a G1 with 1296 taxels in four sleeves, at 100 Hz. Rounds of the two take turns.
 """
 
 from __future__ import annotations

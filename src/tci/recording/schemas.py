@@ -259,18 +259,21 @@ def cloud_fields(points: NDArray[np.float32]) -> tuple[Any, ...]:
     return 1, len(points), fields, False, 16, 16 * len(points), data, True
 
 
-def raw_of_cloud(fields: Mapping[str, Any]) -> NDArray[np.generic]:
-    """Returns the field `raw` (n,) of a PointCloud2. Raises FrameError if the field is missing or its size is
-    wrong."""
-    field = next((field for field in fields["fields"] if field["name"] == "raw"), None)
+def raw_of_cloud(fields: Mapping[str, Any], name: str = "raw") -> NDArray[np.generic]:
+    """Returns the field `name` (n,) of a PointCloud2. Raises FrameError if the field is missing or its size
+    is wrong."""
+    field = next((field for field in fields["fields"] if field["name"] == name), None)
     if field is None or field["datatype"] not in FORMATS or fields["is_bigendian"]:
-        raise FrameError("PointCloud2: no little-endian field named raw")
+        valid = ", ".join(str(field["name"]) for field in fields["fields"]) or "none"
+        raise FrameError(f"PointCloud2: no little-endian field named {name}; valid: {valid}")
     dtype = np.dtype("<" + FORMATS[field["datatype"]])
     step, data = int(fields["point_step"]), fields["data"]
     count = int(fields["width"]) * int(fields["height"])
     offset = int(field["offset"])
     if offset + dtype.itemsize > step or count * step != len(data):
-        raise FrameError(f"PointCloud2: {count} points of {step} bytes, raw at {offset}, {len(data)} bytes")
+        raise FrameError(
+            f"PointCloud2: {count} points of {step} bytes, {name} at {offset}, {len(data)} bytes"
+        )
     column = np.asarray(data).reshape(count, step)[:, offset : offset + dtype.itemsize]
     return np.frombuffer(column.tobytes(), dtype=dtype)
 

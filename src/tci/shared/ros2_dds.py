@@ -61,8 +61,9 @@ message."""
 # `uint8` is declared as byte, because cyclonedds 11 announces `uint8` as TK_UINT8, and programs on Cyclone
 # 0.10 (the version in ROS 2) then crash.
 SIMPLE = {
-    "bool": bool, "uint8": types.byte, "uint16": types.uint16, "int32": types.int32, "uint32": types.uint32,
-    "int64": types.int64, "float64": types.float64, "string": str,
+    "bool": bool, "int8": types.int8, "uint8": types.byte, "int16": types.int16, "uint16": types.uint16,
+    "int32": types.int32, "uint32": types.uint32, "int64": types.int64, "uint64": types.uint64,
+    "float32": types.float32, "float64": types.float64, "string": str,
 }  # fmt: skip
 _TIME = ("builtin_interfaces/Time", (("int32", "sec"), ("uint32", "nanosec")))
 _HEADER = ("std_msgs/Header", (("builtin_interfaces/Time", "stamp"), HEADER[2]))
@@ -115,15 +116,20 @@ class DdsNode(RosNode):
                     self._pass_on(topic, partial(decode, kind, sample.raw), callback)  # type: ignore[attr-defined] # set by _idl
 
     def types_of(self, topic: str) -> tuple[str, ...]:
+        return self.topics().get(topic, ())
+
+    def topics(self) -> dict[str, tuple[str, ...]]:
         for sample in self._publications.take(1000):
             if sample.sample_info.valid_data:
                 self._seen[sample.key] = sample.topic_name, sample.type_name
             else:
                 self._seen.pop(sample.key, None)
-        found = {type_ for name, type_ in self._seen.values() if name == f"rt{topic}"}
-        return tuple(
-            sorted(type_.replace("::dds_::", "::").replace("::", "/").rstrip("_") for type_ in found)
-        )
+        found: dict[str, set[str]] = {}
+        for name, type_ in self._seen.values():
+            if name.startswith("rt/"):
+                plain = type_.replace("::dds_::", "::").replace("::", "/").rstrip("_")
+                found.setdefault(name.removeprefix("rt"), set()).add(plain)
+        return {name: tuple(sorted(kinds)) for name, kinds in sorted(found.items())}
 
     def close(self) -> None:
         if self._participant is None:
@@ -215,7 +221,8 @@ def _struct(
         item, many = item_of(type_)
         inner: Any = SIMPLE.get(item)
         if inner is None:
-            full = next(key for key in needs if key.split("/")[-1] == item.split("/")[-1])
+            short = item.split("/")[-1]
+            full = item if item in needs else next(key for key in needs if key.split("/")[-1] == short)
             inner = _struct(full, needs[full], needs)
         if many is not None:
             inner = types.array[inner, many] if many else types.sequence[inner]  # type: ignore[misc] # known only now

@@ -74,6 +74,9 @@ class RclpyNode(RosNode):
     def types_of(self, topic: str) -> tuple[str, ...]:
         return tuple(sorted({info.topic_type for info in self._node.get_publishers_info_by_topic(topic)}))
 
+    def topics(self) -> dict[str, tuple[str, ...]]:
+        return {name: tuple(sorted(kinds)) for name, kinds in self._node.get_topic_names_and_types()}
+
     def supports(self, kind: MessageType) -> bool:
         try:
             _type(kind)

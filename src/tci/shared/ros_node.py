@@ -55,6 +55,10 @@ class RosNode(ABC):
         """Returns the message types with which running nodes offer a topic. The result is empty if no node
         offers the topic."""
 
+    def topics(self) -> dict[str, tuple[str, ...]]:
+        """The types of every topic that running nodes offer, by its name; empty if the node can't tell."""
+        return {}
+
     @abstractmethod
     def close(self) -> None:
         """Closes every topic. A second call does nothing."""

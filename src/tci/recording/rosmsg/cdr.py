@@ -17,7 +17,8 @@ from tci.errors import RecordingError
 
 ENCAPSULATION = b"\x00\x01\x00\x00"
 NUMBERS = {
-    "bool": "?", "uint8": "B", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "float64": "d"
+    "bool": "?", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I",
+    "int64": "q", "uint64": "Q", "float32": "f", "float64": "d",
 }  # fmt: skip
 SIZES = {item: struct.calcsize(form) for item, form in NUMBERS.items()}
 DTYPES = {item: np.dtype("<" + form) for item, form in NUMBERS.items()}
@@ -49,7 +50,7 @@ class MessageType:
     """Comment at the top of the message's definition."""
     needs: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = ()
     """Nested messages by `package/Name`, with their fields. A field that is a nested message has the type
-    `Name`, without the package."""
+    `package/Name`, or `Name` where only one package has it."""
     headed: bool = True
     """True if the message begins with a `std_msgs/Header`."""
 
@@ -71,6 +72,9 @@ class MessageType:
 
     def inside(self, name: str) -> tuple[tuple[str, str], ...]:
         """Returns the fields of a nested message."""
+        found = dict(self.needs)
+        if name in found:
+            return found[name]
         last = name.split("/")[-1]
         return next(fields for needed, fields in self.needs if needed.split("/")[-1] == last)
 

@@ -1,10 +1,12 @@
-"""`array:WHERE`: numbers as text lines from UDP, TCP or a serial port, or from the program itself.
+"""`array:WHERE`: numbers as text lines from UDP, TCP or a serial port, from a topic of ROS 2, or from the
+program itself.
 
 | WHERE | what it does |
 |---|---|
 | `udp://0.0.0.0:9000` | listens; each datagram is one or more lines |
 | `tcp://HOST:PORT` | connects and reads lines |
 | `serial:///dev/ttyACM0` | reads lines; option `baud`, by default 115200 |
+| `ros2:///TOPIC` | a topic of ROS 2; options `path`, `type`, `msg` and `pack` (`sources.array.topic`) |
 | `feed` | takes what the program gives to `driver.feed(patch, values)` |
 """
 
@@ -14,6 +16,7 @@ import queue
 import re
 import socket
 from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
@@ -23,25 +26,45 @@ from tci.errors import CommandError, DriverError, FrameError
 from tci.shared.serial_port import SerialPort
 from tci.shared.serial_ports import findings
 from tci.sources.array.lines import LineBuffer, sample_of
+from tci.support.installed import needs
+
+if TYPE_CHECKING:
+    from tci.sources.array.topic import Topic
 
 WAIT = 0.2
 """Longest time [s] of one `read`."""
 PLACE = re.compile(r"(udp|tcp)://(\[[0-9a-fA-F:]+\]|[^:/\[\]]*):(\d{1,5})")
 PORTS = 65536
-VALID = "udp://0.0.0.0:9000, tcp://HOST:PORT, serial:///dev/ttyACM0, feed"
+ROS2 = "ros2://"
+VALID = "udp://0.0.0.0:9000, tcp://HOST:PORT, serial:///dev/ttyACM0, ros2:///TOPIC, feed"
 
 
 class ArraySource(Source):
     """Pads have the names of the robot's patches. With `patch=NAME` in the address, lines need no name."""
 
-    def __init__(self, address: str = "", *, baud: str = "115200", missing: str = "-1") -> None:
+    def __init__(
+        self,
+        address: str = "",
+        *,
+        baud: str = "115200",
+        missing: str = "-1",
+        path: str = "",
+        type: str = "",
+        msg: str = "",
+        pack: str = "",
+    ) -> None:
         """
         Args:
             address: See the module.
             baud: Speed of a serial port [1/s].
             missing: The number that means no value, beside NaN.
+            path: Where the numbers are in a message of ROS 2.
+            type: Type of the message; empty for the one that its publisher says.
+            msg: File or folder with the definition of the type, if no ROS package has it.
+            pack: `be16` or `le16` if two bytes of the message are one value.
 
-        Raises DriverError for an address or option that can't be meant.
+        Raises DriverError for an address or option that can't be meant, MissingExtraError without the library
+        for ROS 2.
         """
         super().__init__(address)
         try:
@@ -51,7 +74,15 @@ class ArraySource(Source):
         self._place = PLACE.fullmatch(address)
         self._device = address.removeprefix("serial://") if address.startswith("serial://") else ""
         port = int(self._place[3]) if self._place else 0
-        if not (self._place or self._device or address == "feed") or port >= PORTS:
+        self._topic: Topic | None = None
+        if address.startswith(ROS2) and address.removeprefix(ROS2).startswith("/"):
+            with needs(f"the source 'array:{address}'", "ros2"):
+                from tci.sources.array.topic import Topic
+            name = address.removeprefix(ROS2)
+            self._topic = Topic(name, type_=type, path=path, msg=msg, pack=pack)
+        elif path or type or msg or pack:
+            raise DriverError(f"array:{address}: path, type, msg and pack are for ros2:///TOPIC")
+        if not (self._place or self._device or self._topic or address == "feed") or port >= PORTS:
             raise DriverError(f"array:{address}; valid: {VALID}")
         self._socket: socket.socket | None = None
         self._serial: SerialPort | None = None
@@ -60,7 +91,11 @@ class ArraySource(Source):
 
     def open(self) -> None:
         self._lines = LineBuffer()
-        if self._device:
+        if self._topic is not None:
+            if not self._default():
+                raise DriverError(f"a topic feeds one patch; valid: array:{self.address},patch=NAME")
+            self._topic.open()
+        elif self._device:
             self._serial = SerialPort(self._device, self._baud)
         elif self._place:
             kind, host, port = self._place[1], self._place[2].strip("[]"), int(self._place[3])
@@ -75,6 +110,11 @@ class ArraySource(Source):
     def read(self) -> Iterable[Sample | FingerAngles]:
         if self.address == "feed":
             return self._next_fed()
+        if self._topic is not None:
+            return [
+                Sample(self._default(), no_values(values, self._missing), stamp)
+                for values, stamp in self._topic.read(WAIT)
+            ]
         lines = self._lines.add(self._receive())
         found = []
         fault: FrameError | None = None
@@ -89,9 +129,13 @@ class ArraySource(Source):
         return found
 
     def diagnose(self) -> Iterator[Finding]:
-        return findings(self._device)
+        yield from findings(self._device)
+        if self._topic is not None:
+            yield from self._topic.diagnose()
 
     def close(self) -> None:
+        if self._topic is not None:
+            self._topic.close()
         if self._socket is not None:
             self._socket.close()
             self._socket = None

@@ -1,0 +1,178 @@
+"""Patches and hands on topics of ROS 2, from a publisher that shares no code with TCI."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from helpers import HELPERS
+from helpers.dds_domains import DOMAINS
+from helpers.ros_robots import anywhere
+from tci.drivers.diagnosis import Level
+from tci.drivers.registry import source_at
+from tci.drivers.source_reader import SourceReader
+from tci.errors import DriverError, FrameError
+from tci.shared.ros_types import fields_of, message_type
+from tci.sources.array.path import FieldPath
+
+URI = (
+    "<CycloneDDS><Domain id='any'><General><Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces>"
+    "<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
+    "<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex><Peers><Peer address='127.0.0.1'/></Peers>"
+    "</Discovery></Domain></CycloneDDS>"
+)
+MADE = {
+    "xela_server_ros2/msg/Taxel": "uint16 x\nuint16 y\nuint16 z",
+    "xela_server_ros2/msg/Forces": "float32 x\nfloat32 y\nfloat32 z",
+    "xela_server_ros2/msg/SensorFull": (
+        "uint32 message\nfloat64 time\nstring model\nuint8 sensor_pos # where it is\nTaxel[] taxels\n"
+        "xela_server_ros2/Forces[] forces"
+    ),
+    "xela_server_ros2/msg/SensStream": "# all sensors\nSensorFull[] sensors",
+    "control_msgs/msg/InterfaceValue": "string[] interface_names\nfloat64[] values",
+    "control_msgs/msg/DynamicJointState": (
+        "std_msgs/Header header\n\nstring[] joint_names\nInterfaceValue[] interface_values"
+    ),
+    "booster_interface/msg/HandTouchParam": "byte[] finger_one\nuint8[] finger_palm",
+    "booster_interface/msg/HandTouchData": (
+        "int32 LEFT=0\nHandTouchParam touch_data\nint32 hand_index\nint32 hand_type"
+    ),
+    "omnihand_node_msgs/msg/TactileSensor": "uint8[] thumb\nuint8[] palm\nint8 online",
+    "sr_robot_msgs/msg/UBI0": "uint16[] distal",
+    "sr_robot_msgs/msg/UBI0All": "Header header\nUBI0[] tactiles",
+}
+"""Messages as their makers write them down, where no package is installed."""
+TOPICS = {
+    "floats": "",
+    "words": "",
+    "octets": ",path=data",
+    "cloud": "",
+    "xela": ",path=sensors[sensor_pos=2].taxels[].z",
+    "robotis": (
+        ",path=interface_values[joint_names=finger_l_sensor1].values[interface_names=Present Pressure *]"
+    ),
+    "json": ",path=data.thumb_matrix",
+    "booster": ",path=touch_data.finger_one,pack=be16",
+    "omnihand": ",path=palm",
+    "shadow": ",path=tactiles[-1].distal",
+}  # fmt: skip
+"""What a user writes after the name of the topic."""
+
+
+@pytest.fixture(scope="module")
+def msgs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("msgs")
+    for name, text in MADE.items():
+        path = folder / f"{name}.msg"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text + "\n")
+    return folder
+
+
+@pytest.fixture(scope="module", params=["reliable", "best-effort"])
+def published(request: pytest.FixtureRequest) -> Iterator[str]:
+    """The namespace of a plain publisher, in a domain of this test."""
+    with pytest.MonkeyPatch.context() as patched:
+        number, namespace = next(DOMAINS), anywhere()
+        patched.setenv("ROS_DOMAIN_ID", str(number))
+        patched.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        words = [sys.executable, str(HELPERS / "ros2_publisher.py"), namespace, request.param, str(number)]
+        process = subprocess.Popen(words, env=os.environ | {"CYCLONEDDS_URI": URI})
+        yield namespace
+        process.kill()
+        process.wait()
+
+
+def reader_of(via: str) -> SourceReader:
+    source = source_at(f"array:ros2://{via}")
+    return SourceReader(via, source, {"pad": 16})
+
+
+@pytest.mark.parametrize("topic", TOPICS)
+def test_values_are_those_that_were_published(topic: str, published: str, msgs: Path) -> None:
+    reader = reader_of(f"{published}/{topic},msg={msgs}{TOPICS[topic]}")
+    try:
+        state, seen = reader.pads["pad"], list[np.ndarray]()
+        end = time.monotonic() + 10.0
+        while len(seen) < 5 and time.monotonic() < end:
+            if state.values is not None and (not seen or state.values is not seen[-1]):
+                seen.append(state.values)
+            time.sleep(0.002)
+        assert len(seen) == 5, reader.rejected
+        for values in seen:
+            k = (values[0] - 0) % 200  # the turn, from the first taxel
+            wanted = (np.arange(16) * 7 + k) % 200.0
+            if topic == "floats":
+                wanted[[3, 5]] = np.nan  # -1 and NaN are no value
+            np.testing.assert_array_equal(values, wanted)
+        assert len({float(values[0]) for values in seen}) > 1, "new values arrive"
+        assert abs(state.stamp - time.monotonic()) < 1.0, "on this machine's clock, with and without a header"
+        assert not reader.rejected
+        (told,) = (one for one in reader.diagnose() if one.subject == f"{published}/{topic}")
+        assert told.level is Level.OK
+        assert f"ROS domain {os.environ['ROS_DOMAIN_ID']}" in told.what
+    finally:
+        reader.close()
+
+
+def test_what_does_not_fit_is_told_with_what_there_is(published: str, msgs: Path) -> None:
+    with pytest.raises(
+        DriverError, match=r"nobody publishes /nowhere \(ROS domain.*xela \(xela_server_ros2/msg/S"
+    ):
+        reader_of("/nowhere")
+    with pytest.raises(DriverError, match=r"no definition of xela_server_ros2/SensStream.*msg=FOLDER"):
+        reader_of(f"{published}/xela")
+    with pytest.raises(DriverError, match=r"words is std_msgs/msg/UInt16MultiArray; valid: type=std_msgs"):
+        reader_of(f"{published}/words,type=std_msgs/msg/String")
+    reader = reader_of(f"{published}/xela,msg={msgs},path=sensors[sensor_pos=7].taxels[].z")
+    try:
+        end = time.monotonic() + 10.0
+        while not reader.rejected and time.monotonic() < end:
+            time.sleep(0.01)
+        assert "no sensor_pos=7; valid: sensor_pos=1, 2" in next(iter(reader.rejected))
+    finally:
+        reader.close()
+
+
+def test_paths_and_definitions_that_cannot_be_meant_are_refused(tmp_path: Path) -> None:
+    for text in ("", "a..b", "a[", "a[x]", "[0]"):
+        with pytest.raises(DriverError, match=r"valid: name, name\[\]"):
+            FieldPath(text)
+    message = {"a": [{"k": 1, "v": [1, 2]}, {"k": 2, "v": [3, 4]}], "t": "{no json", "s": ["x"]}
+    assert FieldPath("a[].v").values(message).tolist() == [1, 2, 3, 4]
+    assert FieldPath("a[k=2].v[0]").values(message).tolist() == [3]
+    assert FieldPath("a[-1].v").values(message).tolist() == [3, 4]
+    for text, said in {
+        "b": "no b; valid: a, t, s", "a[5].v": "there are 2", "t.x": "no JSON", "s": "no numbers",
+        "a[k=9].v": "valid: k=1, 2", "t[0]": "no list",
+    }.items():  # fmt: skip
+        with pytest.raises(FrameError, match=said):
+            FieldPath(text).values(message)
+    with pytest.raises(DriverError, match="wide strings"):
+        fields_of("wstring name", "a/B")
+    with pytest.raises(DriverError, match="package/msg/Name"):
+        message_type("Name")
+    assert fields_of("int32 X=3\nint16[<=9] tip # all\nstring<=10 name 'x'\nB[2] two", "a/C") == (
+        ("int16[]", "tip"), ("string", "name"), ("a/B[2]", "two"),
+    )  # fmt: skip
+    (tmp_path / "B.msg").write_text("float32 x\n")
+    (tmp_path / "C.msg").write_text("B[2] two\n")
+    found = message_type("a/msg/C", str(tmp_path / "C.msg"))
+    assert found.needs == (("a/B", (("float32", "x"),)),)
+    assert list(itertools.chain(*found.fields)) == ["a/B[2]", "two"]
+
+
+@pytest.mark.parametrize(
+    "via", ["array:udp://0.0.0.0:1,path=data", "array:ros2:///x,pack=be32", "array:ros2://x"]
+)
+def test_options_that_do_not_fit_are_refused(via: str) -> None:
+    with pytest.raises(DriverError, match=r"valid|are for"):
+        source_at(via)

@@ -168,7 +168,7 @@ def anywhere() -> str:
 
 def garbage_on(node: RosNode, namespace: str, messages: Iterable[bytes]) -> None:
     """Sends random bytes as states and frames of a TCI process, and joint messages of wrong lengths."""
-    topics = [f"{namespace}/tci/state", f"{namespace}/tci/frames/left_forearm"]
+    topics = [f"{namespace}/tci/nao/state", f"{namespace}/tci/nao/frames/left_forearm"]
     senders = [node.advertise(topic, BYTES) for topic in topics]
     joints = node.advertise(f"{namespace}/joint_states", JOINTS)
     for message in messages:

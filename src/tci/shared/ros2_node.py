@@ -7,7 +7,7 @@ each other only on this machine. To reach other machines, set ROS_AUTOMATIC_DISC
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from contextlib import nullcontext
 from importlib.util import find_spec
 
@@ -55,13 +55,3 @@ def open_node(name: str, namespace: str) -> RosNode:
 def where_seen() -> str:
     """Where nodes are looked for, in words."""
     return f"ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}, range {discovery_range()}"
-
-
-def list_topics(topics: Mapping[str, Sequence[str]], *, most: int = 12) -> str:
-    """Topics with their types, on one line; ROS's own are left out."""
-    shown = {
-        name: kinds for name, kinds in topics.items() if not name.endswith(("/rosout", "/parameter_events"))
-    }
-    words = [f"{name} ({', '.join(kinds)})" for name, kinds in list(shown.items())[:most]]
-    more = [f"and {len(shown) - most} more"] if len(shown) > most else []
-    return ", ".join([*words, *more]) or "none"

@@ -91,3 +91,13 @@ def namespace_of(address: str) -> str:
     if not NAMESPACE.fullmatch(namespace):
         raise DriverError(f"{address!r} is no ROS namespace; valid: letters, digits and _, as in /left/nao")
     return namespace
+
+
+def list_topics(topics: Mapping[str, Sequence[str]], *, most: int = 12) -> str:
+    """Topics with their types, on one line; ROS's own are left out."""
+    shown = {
+        name: kinds for name, kinds in topics.items() if not name.endswith(("/rosout", "/parameter_events"))
+    }
+    words = [f"{name} ({', '.join(kinds)})" for name, kinds in list(shown.items())[:most]]
+    more = [f"and {len(shown) - most} more"] if len(shown) > most else []
+    return ", ".join([*words, *more]) or "none"

@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,9 +29,10 @@ from helpers.ros_robots import (
     is_killed_and_comes_back,
     nao_in_ros,
 )
-from tci.drivers.registry import connect
+from tci.drivers.registry import connect, open_server
 from tci.errors import DriverError
 from tci.exports.facts import query, read_facts
+from tci.recording.rosmsg.cdr import MessageType
 from tci.recording.schemas import CLOUD, JOINTS
 from tci.robot.description import Address, Robot
 from tci.robot.joint_map import initial_position
@@ -149,6 +151,50 @@ def test_nobody_there_a_bad_namespace_and_bad_settings_are_told(
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "EVERYWHERE")
     with pytest.raises(DriverError, match="LOCALHOST"):
         connect(robot, "ros2", wait=0.2)
+
+
+def test_another_served_robot_hides_no_foreign_one_and_unfit_topics_are_told(
+    domain: int, namespace: str
+) -> None:
+    """Another `tci serve` in the same namespace, and a foreign NAO whose forearm is an array."""
+    robot = tci.load_robot("nao")
+    names = [servo.joint or servo.name for servo in robot.servos]
+    array = MessageType("std_msgs/msg/Float32MultiArray", (VALUES.fields[0], ("float32[]", "data")),
+                        needs=VALUES.needs, headed=False)  # fmt: skip
+    foreign = DdsNode("foreign", namespace)
+    ended = threading.Event()
+
+    def publish() -> None:
+        joints = foreign.advertise(f"{namespace}/joint_states", JOINTS)
+        skin = foreign.advertise(f"{namespace}/skin/left_forearm", array)
+        while not ended.wait(0.01):
+            stamp = time.time()
+            joints((int(stamp), int(stamp % 1.0 * 1e9), "", names, initial_position(robot), (), ()))
+            skin((((), 0), np.zeros(240)))
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    try:
+        with tci.connect("nao-h21") as other, open_server(other, f"ros2:{namespace}"):
+            with connect(robot, f"ros2:{namespace}", wait=10.0) as driver:
+                np.testing.assert_allclose(driver.read().joints.position, initial_position(robot))
+                told = {one.subject: one for one in driver.diagnose()}
+            assert "a robot's own topics" in told["dialect"].what
+            assert (
+                f"{namespace}/skin/left_forearm is std_msgs/msg/Float32MultiArray"
+                in told["left_forearm"].what
+            )
+            assert (
+                f"array:ros2://{namespace}/skin/left_forearm,patch=left_forearm"
+                in told["left_forearm"].advice
+            )
+            assert f"{namespace}/joint_states (sensor_msgs/msg/JointState)" in told["left_hand"].what
+            with pytest.raises(DriverError, match=f"seen: .*{namespace}/joint_states"):
+                connect(robot, "ros2:/elsewhere", wait=0.5)
+    finally:
+        ended.set()
+        thread.join()
+        foreign.close()
 
 
 @pytest.mark.parametrize("peer", ["no such host", "256.1.1.1", "::1", "127.0.0.1:99999", "127.0.0.1:x", ":1"])

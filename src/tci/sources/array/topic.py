@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from tci.drivers.diagnosis import Finding, Level
 from tci.errors import DriverError, FrameError
 from tci.recording.schemas import raw_of_cloud
-from tci.shared.ros2_node import list_topics, open_node, where_seen
-from tci.shared.ros_node import RosNode
+from tci.shared.ros2_node import open_node, where_seen
+from tci.shared.ros_node import RosNode, list_topics
 from tci.shared.ros_types import message_type
 from tci.sources.array.path import FieldPath
 

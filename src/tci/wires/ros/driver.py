@@ -20,9 +20,9 @@ from tci.drivers.remote.protocol import Orders, SessionFrame, State
 from tci.errors import DriverError, FrameError
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Reading
-from tci.recording.schemas import JOINTS
+from tci.recording.schemas import CLOUD, JOINTS, SKIN
 from tci.robot.description import Robot
-from tci.shared.ros_node import Callback, Publish, RosNode
+from tci.shared.ros_node import Callback, Publish, RosNode, list_topics
 from tci.wires.ros.messages import BYTES, NO_LAYOUT
 from tci.wires.ros.names import Names
 from tci.wires.ros.native import NativeRobot
@@ -84,7 +84,28 @@ class RosDriver(RemoteDriver):
         for node in sorted(self._node.silent):
             advice = "if it has ended: rosnode cleanup; else make its host name known to this machine"
             found.append(Finding(Level.NOTE, "node", f"{node} is registered and does not answer", advice))
+        found += self._unfit_skin()
         return tuple(found)
+
+    def _unfit_skin(self) -> Iterator[Finding]:
+        """Patches of which nothing has arrived, and what is published at their topics instead."""
+        for patch, arrivals in (self._native.skin if self._native else {}).items():
+            if arrivals.latest is not None:
+                continue
+            frames, points = self._names.skin(patch), self._names.points(patch)
+            offered = {topic: self._node.types_of(topic) for topic in (frames, points)}
+            other = [kind for kind in offered[frames] if kind != SKIN.name]
+            if other:
+                said = (
+                    f"{frames} is {', '.join(other)}; valid: {SKIN.name} there, or {CLOUD.name} at {points}"
+                )
+                advice = f'or take its numbers: --via "... + array:ros2://{frames},patch={patch}"'
+            elif any(offered.values()):
+                said, advice = f"no frame of {frames} arrived yet", "see that its publisher sends"
+            else:
+                said = f"nobody publishes {frames} or {points}{self._seen()}"
+                advice = "start the publisher, or give the patch its <address> in the binding"
+            yield Finding(Level.WARNING, patch, said, advice)
 
     def _receive(self) -> Reading:
         if self._native is None:
@@ -136,6 +157,11 @@ class RosDriver(RemoteDriver):
             self._received[topic] = bytes(fields["data"])  # keeps the latest message of each topic
 
         return keep
+
+    def _seen(self) -> str:
+        """The topics that there are, for an error message."""
+        topics = self._node.topics()
+        return f"; seen: {list_topics(topics)}" if topics else ""
 
     def _where_else(self) -> str:
         """Returns an addition to the error message that no node publishes the robot's joints."""
@@ -201,7 +227,7 @@ class RosDriver(RemoteDriver):
         if not offered:
             silent = "".join(f"; {node} is registered and does not answer" for node in self._node.silent)
             advice = f"check that the robot is on, and its ROS domain and namespace{self._where_else()}"
-            return f"no node publishes {topic} {where}{silent}; {advice}"
+            return f"no node publishes {topic} {where}{silent}{self._seen()}; {advice}"
         if JOINTS.name not in offered:
             return f"{topic} is {', '.join(offered)}; valid: {JOINTS.name}"
         if self._node.rejected:

@@ -63,19 +63,19 @@ class Names:
     @property
     def state(self) -> str:
         """Topic on which other TCI processes (`tci.drivers.remote`) receive the robot's states, as
-        std_msgs/UInt8MultiArray."""
-        return self.topic("tci/state")
+        std_msgs/UInt8MultiArray. It has the robot's name, so a served robot hides no other one."""
+        return self.topic(f"tci/{token(self._robot.name)}/state")
 
     @property
     def orders(self) -> str:
         """Topic on which other TCI processes (`tci.drivers.remote`) send orders, as
         std_msgs/UInt8MultiArray."""
-        return self.topic("tci/orders")
+        return self.topic(f"tci/{token(self._robot.name)}/orders")
 
     def frames(self, patch: str) -> str:
         """Returns the topic on which other TCI processes (`tci.drivers.remote`) receive a patch's skin
         frames, as std_msgs/UInt8MultiArray."""
-        return self.topic(f"tci/frames/{token(patch)}")
+        return self.topic(f"tci/{token(self._robot.name)}/frames/{token(patch)}")
 
     def topic(self, name: str) -> str:
         """Returns the name of a topic in the robot's namespace. A name that begins with a slash stays

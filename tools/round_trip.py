@@ -19,6 +19,7 @@ from tci.drivers.remote import encoding as remote_cdr
 from tci.drivers.remote.address import parse_remote
 from tci.drivers.remote.protocol import SessionFrame
 from tci.messages import SkinFrame
+from tci.shared.interface_node import InterfaceNode, latest
 from tci.shared.ros2_node import open_node
 from tci.shared.ros_node import RosNode
 from tci.wires.lcm import encoding as remote_lcm
@@ -28,7 +29,6 @@ from tci.wires.ros.messages import BYTES, NO_LAYOUT
 from tci.wires.ros.ros1 import Ros1Node
 from tci.wires.ros.rosbridge import RosbridgeNode
 from tci.wires.unitree.messages import HAND_STATE
-from tci.wires.unitree.node import UnitreeNode, latest
 from tci.wires.unitree.wire import MOTOR_STATE, PRESS, encode_hand
 from tci.wires.zenoh.driver import QOS
 from tci.wires.zenoh.session import close_session, open_session, parse_address
@@ -153,7 +153,7 @@ class _Echo:
 def over_unitree(where: str, there: bool) -> Ways:
     """Exchanges bytes in the message for the motors of a hand, the only message of Unitree without a fixed
     length."""
-    node, count = UnitreeNode("lo", int(where)), -(-8 * SIZE // MOTOR_STATE.itemsize)
+    node, count = InterfaceNode("lo", int(where)), -(-8 * SIZE // MOTOR_STATE.itemsize)
     ways = ("rt/bench/back", "rt/bench/there")
     out, into = ways if there else ways[::-1]
     send, came = node.out(out, HAND_STATE), node.reader(into, HAND_STATE)

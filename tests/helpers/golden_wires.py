@@ -312,7 +312,7 @@ def unitree() -> tuple[Said, Said]:
     quiet = SimpleNamespace(reader=lambda *words, **options: (), out=out, close=lambda: None)
     with (
         served.still(),
-        mock.patch.object(servers, "UnitreeNode", return_value=quiet),
+        mock.patch.object(servers, "InterfaceNode", return_value=quiet),
         mock.patch.object(servers, "SwitcherServer"),
         mock.patch.object(servers, "ServedHand", return_value=SimpleNamespace(there=False)),
     ):

@@ -17,18 +17,18 @@ from collections.abc import Callable
 import numpy as np
 
 from tci.errors import DriverError
+from tci.shared.interface_node import InterfaceNode
 from tci.wires.unitree.address import parse_unitree
 from tci.wires.unitree.handover import holding
 from tci.wires.unitree.health import Health
 from tci.wires.unitree.held_motors import HeldMotors
 from tci.wires.unitree.motors import ARM_GAINS, MOTORS
-from tci.wires.unitree.node import UnitreeNode
 
 
 def held_motors(place: str, period: float) -> HeldMotors:
     """Returns an object that has requested the motors."""
     where = parse_unitree(place)
-    held = HeldMotors(where, period, UnitreeNode(where.interface, where.domain), Health())
+    held = HeldMotors(where, period, InterfaceNode(where.interface, where.domain), Health())
     held.take()
     return held
 

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from tci.runtime.priority import real_time_where_permitted
+from tci.shared.interface_node import MOST, InterfaceNode, latest
 from tci.wires.unitree import messages
-from tci.wires.unitree.node import MOST, UnitreeNode, latest
 from tci.wires.unitree.wire import STATE, WEIGHT, decode_command, encode_state
 
 PERIOD = 0.004
@@ -41,7 +41,7 @@ class Puppet:
         """True while the checksums of its states are wrong."""
         self.obeys = False
         """True while the joints immediately reach the targets of commands with weight 1."""
-        self._node = UnitreeNode("lo", domain)
+        self._node = InterfaceNode("lo", domain)
         self._states = self._node.out("rt/lowstate", messages.STATE)
         self._commands = self._node.reader(topic, messages.COMMAND, keep=MOST, reliable=True)
         self._open = True

@@ -26,12 +26,12 @@ from helpers.ros_robots import anywhere, garbage_on, here_only, roscore
 from helpers.served import needs_qi
 from tci.drivers.driver import Driver
 from tci.drivers.simulated import SimulatedDriver
+from tci.shared.interface_node import InterfaceNode
 from tci.shared.ros2_dds import DdsNode
 from tci.wires.lcm.datagrams import Transmitter
 from tci.wires.ros.ros1 import Ros1Node
 from tci.wires.ros.rosbridge import RosbridgeNode, parse
 from tci.wires.unitree.messages import STATE
-from tci.wires.unitree.node import UnitreeNode
 from tci.wires.unitree.wire import HEAD
 from tci.wires.unitree.wire import STATE as STATE_RECORD
 from tci.wires.zenoh.session import close_session, open_session, parse_address
@@ -331,7 +331,7 @@ class Unitree(Process):
         super().__init__(lambda: f"unitree:lo/{next(DOMAINS)}")
 
     def disturb(self, messages: Iterable[bytes]) -> None:
-        stranger = UnitreeNode("lo", int(self.via.rpartition("/")[2]))
+        stranger = InterfaceNode("lo", int(self.via.rpartition("/")[2]))
         send, size = stranger.out("rt/lowstate", STATE), STATE_RECORD.itemsize - 4
         for message in messages:
             send(HEAD + message.ljust(size)[:size])

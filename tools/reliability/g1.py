@@ -22,8 +22,8 @@ from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.lab.experiments.experiment import trials_of
 from tci.lab.experiments.poke import Stimulus
 from tci.robot.catalogue import load_robot
+from tci.shared.interface_node import MOST, InterfaceNode, latest
 from tci.wires.unitree import messages
-from tci.wires.unitree.node import MOST, UnitreeNode, latest
 from tci.wires.unitree.wire import COMMAND, STATE, WEIGHT, decode_state, encode_command, encode_state
 
 COUNT, RATE = 10_000, 500.0
@@ -71,7 +71,7 @@ def _commands(count: int) -> tuple[int, int]:
     """Returns the number of commands that the SDK in Python received, and the number with a wrong
     checksum."""
     with vendor_program("py_robot", DOMAIN) as process:
-        node = UnitreeNode("lo", DOMAIN)
+        node = InterfaceNode("lo", DOMAIN)
         send = node.out("rt/arm_sdk", messages.COMMAND)
         states = node.reader("rt/lowstate", messages.STATE, keep=MOST)
         command: Any = np.zeros((), COMMAND)
@@ -96,7 +96,7 @@ def _states(count: int) -> tuple[int, int]:
     checksum."""
     heard = wrong = 0
     with vendor_program("cpp_robot", 0) as process:
-        node = UnitreeNode("lo", 0)
+        node = InterfaceNode("lo", 0)
         states = node.reader("rt/lowstate", messages.STATE, keep=MOST)
         end = time.monotonic() + count / RATE + PATIENCE
         while heard < count and time.monotonic() < end:

@@ -21,13 +21,13 @@ from helpers.hostile_commands import SAG, WIGGLE, Attack
 from tci.messages import CONTROL_MODES
 from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
+from tci.shared.interface_node import InterfaceNode, Out
 from tci.shared.partial_gate import PartialGate
 from tci.wires.unitree import messages
 from tci.wires.unitree.driver import slots_of
 from tci.wires.unitree.handover import TAKE, Phase
 from tci.wires.unitree.keeper import DISCOVERY, FOLLOW, FOLLOWS, Keeper, Orders
 from tci.wires.unitree.keeper import TAKE as ASK
-from tci.wires.unitree.node import Out, UnitreeNode
 from tci.wires.unitree.set_points import SetPoints
 from tci.wires.unitree.wire import HEAD, STATE, WEIGHT, encode_state
 
@@ -115,7 +115,7 @@ class _Sdk:
         self._log, self._process = log, vendor_program("py_log", DOMAIN, str(log))
         assert self._process.stdout is not None
         self._dots = self._process.stdout.fileno()
-        self._node = UnitreeNode("lo", DOMAIN)
+        self._node = InterfaceNode("lo", DOMAIN)
         writer = self._node.writer("rt/arm_sdk", messages.COMMAND)
         self._out = Out(writer, messages.COMMAND)
         self._sent: list[bytes] = []

@@ -22,9 +22,9 @@ from report import ROOT
 from row import Row
 
 from tci.messages.frames import Array
+from tci.shared.interface_node import MOST, InterfaceNode, latest
 from tci.wires.unitree import messages
 from tci.wires.unitree.handover import GIVE, TAKE
-from tci.wires.unitree.node import MOST, UnitreeNode, latest
 from tci.wires.unitree.wire import STATE, WEIGHT, decode_command, encode_state
 
 AT_ONCE = 6
@@ -146,7 +146,7 @@ class Robots:
     their motors."""
 
     def __init__(self) -> None:
-        self._nodes = [UnitreeNode("lo", DOMAIN + number) for number in range(AT_ONCE)]
+        self._nodes = [InterfaceNode("lo", DOMAIN + number) for number in range(AT_ONCE)]
         self._states = [node.out("rt/lowstate", messages.STATE) for node in self._nodes]
         self._commands = [
             node.reader("rt/arm_sdk", messages.COMMAND, keep=MOST, reliable=True) for node in self._nodes

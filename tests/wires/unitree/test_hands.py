@@ -17,10 +17,10 @@ from tci.errors import DriverError
 from tci.messages import JointReading, Mode, SkinFrame
 from tci.messages.frames import read_only
 from tci.robot.description import Address, Binding, Robot
+from tci.shared.interface_node import InterfaceNode, latest
 from tci.wires.unitree import messages
 from tci.wires.unitree.finger_motors import FingerMotors
 from tci.wires.unitree.hands import Hand, pads_of, patches_of
-from tci.wires.unitree.node import UnitreeNode, latest
 from tci.wires.unitree.served_hands import ServedHand
 from tci.wires.unitree.wire import MOTOR_STATE, PRESS, decode_hand, decode_hand_command, encode_hand
 
@@ -43,7 +43,7 @@ class Sender:
 
     def __init__(self) -> None:
         domain = next(DOMAINS)
-        self.node, self.robot = UnitreeNode("lo", domain), UnitreeNode("lo", domain)
+        self.node, self.robot = InterfaceNode("lo", domain), InterfaceNode("lo", domain)
         self.hand = Hand(handed(), "left", self.node)
         self.out = self.robot.out("rt/dex3/left/state", messages.HAND_STATE)
         self.pads: Any = np.zeros(PADS, PRESS)
@@ -112,7 +112,7 @@ def test_a_robot_keeps_what_it_sends_and_what_its_joints_feel() -> None:
 
 
 def test_a_hand_has_a_side() -> None:
-    node = UnitreeNode("lo", next(DOMAINS))
+    node = InterfaceNode("lo", next(DOMAINS))
     try:
         for wrong in ("middle", "left:7", "left:3-1"):
             with pytest.raises(DriverError, match=f"left_forearm is on the hand '{wrong}'; valid: left"):
@@ -129,7 +129,7 @@ def test_a_hand_is_led_by_the_vendors_names_or_by_addresses_and_holds_until_it_i
         servo.model_copy(update={"name": {0: "left_hand_index_0_joint"}.get(servo.index, servo.name)})
         for servo in robot.servos
     )
-    nodes = [UnitreeNode("lo", domain) for domain in [next(DOMAINS)] * 2]
+    nodes = [InterfaceNode("lo", domain) for domain in [next(DOMAINS)] * 2]
     heard = nodes[0].reader("rt/dex3/left/cmd", messages.HAND_COMMAND)
     hand = Hand(robot.model_copy(update={"servos": servos}), "left", nodes[1])
     assert (hand.servos.tolist(), hand.motors.tolist()) == ([0], [5])
@@ -179,7 +179,7 @@ def ends() -> Iterator[tuple[Robot, ServedHand, Hand]]:
     """Yields the left hand of a G1 with Dex3 hands without physics: robot, the side of the server and the
     side of the driver."""
     robot, domain = tci.load_robot("g1-hands"), next(DOMAINS)
-    nodes = [UnitreeNode("lo", domain) for _ in range(2)]
+    nodes = [InterfaceNode("lo", domain) for _ in range(2)]
     yield robot, ServedHand(robot, "left", nodes[0]), Hand(robot, "left", nodes[1])
     for node in nodes:
         node.close()
@@ -251,7 +251,7 @@ def test_a_fault_of_a_hand_is_named(field: str, value: float, word: str) -> None
     if not field:
         data[-12:-8] = int(value).to_bytes(4, "little")
     state = decode_hand(bytes(data))
-    node = UnitreeNode("lo", next(DOMAINS))
+    node = InterfaceNode("lo", next(DOMAINS))
     with closing(node):
         hand = Hand(tci.load_robot("g1-hands"), "right", node)
         assert word in hand._fault(state.motors, state.errors)

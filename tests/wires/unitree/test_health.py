@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tci.errors import DriverError
-from tci.wires.unitree import network
+from tci.shared import interfaces as network
 from tci.wires.unitree.address import parse_unitree
 from tci.wires.unitree.health import Health
 from tci.wires.unitree.wire import STATE

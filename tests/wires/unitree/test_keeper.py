@@ -28,12 +28,12 @@ from tci.lab.commissioning.operator import Operator
 from tci.messages import Mode, PlatformCommand
 from tci.reasons import Code
 from tci.runtime.control import Control
+from tci.shared.interface_node import InterfaceNode
 from tci.wires.unitree import messages
 from tci.wires.unitree.driver import UnitreeDriver
 from tci.wires.unitree.handover import GIVE, LONGEST, TAKE, Phase, holding
 from tci.wires.unitree.held_motors import HeldMotors
 from tci.wires.unitree.motors import ARM_GAINS, MOTORS
-from tci.wires.unitree.node import UnitreeNode
 
 pytestmark = pytest.mark.timeout(60)
 ALL = np.ones(MOTORS, dtype=bool)
@@ -231,7 +231,7 @@ def test_a_behaviour_that_hangs_loses_the_motors(domain: int, puppet: Puppet) ->
 
 @pytest.mark.parametrize("fault", ["writer", "checksum", "motor"])
 def test_a_robot_that_is_not_ready_is_not_taken(domain: int, puppet: Puppet, fault: str) -> None:
-    other, writer = UnitreeNode("lo", domain), None
+    other, writer = InterfaceNode("lo", domain), None
     word = {"writer": "another program writes rt/arm_sdk", "checksum": "no answer", "motor": "error 2"}[fault]
     if fault == "writer":
         writer = other.out("rt/arm_sdk", messages.COMMAND)

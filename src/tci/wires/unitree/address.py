@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from urllib.parse import parse_qsl
 
 from tci.errors import DriverError
-from tci.wires.unitree.network import check_interface
+from tci.shared.interfaces import check_interface
 
 VALID = "valid: INTERFACE[/DOMAIN], such as eth0 or lo/1, then ?control=all, ?force=yes or ?simulation=yes"
 CHOICES = {"control": ("arms", "all"), "force": ("no", "yes"), "simulation": ("no", "yes")}

@@ -32,6 +32,7 @@ from tci.messages.clock import MonotonicClock
 from tci.messages.frames import read_only
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
+from tci.shared.interface_node import MOST, InterfaceNode, latest
 from tci.shared.partial_gate import PartialGate
 from tci.wires.unitree import messages
 from tci.wires.unitree.address import parse_unitree
@@ -41,7 +42,6 @@ from tci.wires.unitree.hands import Hand, patches_of
 from tci.wires.unitree.health import Health
 from tci.wires.unitree.held_motors import HeldMotors, Status
 from tci.wires.unitree.motors import MOTORS, NAMES, SIDES, VARIANTS, absent, commanded, hand_motor
-from tci.wires.unitree.node import MOST, UnitreeNode, latest
 from tci.wires.unitree.set_points import SetPoints
 from tci.wires.unitree.switcher import Switcher
 from tci.wires.unitree.wire import decode_state
@@ -92,7 +92,7 @@ class UnitreeDriver(Driver):
         self._set_points = SetPoints(self._slots, whole=self.where.whole)
         self._fingers: list[FingerMotors] = []
         self._held: HeldMotors | None = None
-        self._node = UnitreeNode(self.where.interface, self.where.domain)
+        self._node = InterfaceNode(self.where.interface, self.where.domain)
         try:
             self._states = self._node.reader("rt/lowstate", messages.STATE, keep=MOST)
             found = [Hand(robot, side, self._node, skin=skin) for side in SIDES]

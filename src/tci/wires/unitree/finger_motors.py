@@ -16,10 +16,10 @@ from tci.gate.safe_command import SafeCommand
 from tci.messages import Mode
 from tci.messages.clock import Every
 from tci.messages.frames import Array
+from tci.shared.interface_node import InterfaceNode
 from tci.wires.unitree import messages
 from tci.wires.unitree.hands import Hand
 from tci.wires.unitree.motors import FINGER_GAINS, FINGER_MOTORS
-from tci.wires.unitree.node import UnitreeNode
 from tci.wires.unitree.wire import MOTOR_COMMAND, encode_hand_command
 
 FOLLOWS, TIMEOUT = 1 << 4, 1 << 7
@@ -35,7 +35,7 @@ class FingerMotors:
     """The motors of one hand. `repeat` sends the latest targets again and again, until `release` switches the
     motors off."""
 
-    def __init__(self, node: UnitreeNode, hand: Hand) -> None:
+    def __init__(self, node: InterfaceNode, hand: Hand) -> None:
         """Opens the topic of commands. Raises DriverError if another program commands this hand."""
         self.hand = hand
         topic = f"rt/dex3/{hand.side}/cmd"

@@ -20,10 +20,10 @@ from tci.errors import DriverError, FrameError
 from tci.messages import SkinFrame
 from tci.messages.frames import Array, read_only
 from tci.robot.description import Patch, Robot
+from tci.shared.interface_node import InterfaceNode, latest
 from tci.wires.unitree import messages
 from tci.wires.unitree.health import motor_fault
 from tci.wires.unitree.motors import FINGER_MOTORS, SIDES, hand_motor
-from tci.wires.unitree.node import UnitreeNode, latest
 from tci.wires.unitree.wire import TAXELS, decode_hand
 
 NO_VALUE = 30_000.0
@@ -70,7 +70,7 @@ def fingers_of(robot: Robot, side: str) -> tuple[NDArray[np.intp], NDArray[np.in
 class Hand:
     """Reader of one hand's state: finger motors and press sensors."""
 
-    def __init__(self, robot: Robot, side: str, node: UnitreeNode, *, skin: bool = True) -> None:
+    def __init__(self, robot: Robot, side: str, node: InterfaceNode, *, skin: bool = True) -> None:
         """Opens a reader if the robot has fingers or, with `skin`, patches on this hand.
 
         Raises DriverError if an address in the binding is invalid.

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import DriverError
+from tci.shared.interface_node import InterfaceNode
 from tci.wires.unitree.address import UnitreeAddress
 from tci.wires.unitree.handover import GIVE as GIVE_TIME
 from tci.wires.unitree.handover import TAKE as TAKE_TIME
@@ -25,7 +26,6 @@ from tci.wires.unitree.handover import Phase, holding
 from tci.wires.unitree.health import Health
 from tci.wires.unitree.keeper import FOLLOW, FOLLOWS, GIVE, STATUS, TAKE, Keeper, Orders, keep
 from tci.wires.unitree.motors import MOTORS, TARGET, gains
-from tci.wires.unitree.node import UnitreeNode
 
 WAIT = 10.0
 """Longest delay [s] in taking the motors or handing them back, in addition to the time of the gradual
@@ -48,7 +48,7 @@ class HeldMotors:
     """Starts the keeper, a process that sends the commands to the motors, and communicates with it. If the
     driver's process ends, the keeper continues until it has handed the motors back."""
 
-    def __init__(self, where: UnitreeAddress, period: float, node: UnitreeNode, health: Health) -> None:
+    def __init__(self, where: UnitreeAddress, period: float, node: InterfaceNode, health: Health) -> None:
         """Starts the keeper. The keeper takes the motors only after a call of `take`. `node` and `health`
         belong to the driver. If the keeper is killed, this class uses them to hand the motors back. Raises
         DriverError if the operating system lacks the required sockets."""

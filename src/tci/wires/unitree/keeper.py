@@ -24,11 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import DriverError, FrameError, TciError
+from tci.shared.interface_node import InterfaceNode, latest
 from tci.wires.unitree import messages
 from tci.wires.unitree.handover import Handover, Phase
 from tci.wires.unitree.health import STALE, Health
 from tci.wires.unitree.motors import MOTORS, TARGET, absent, commanded, gains
-from tci.wires.unitree.node import UnitreeNode, latest
 from tci.wires.unitree.wire import COMMAND, WEIGHT, decode_state, encode_command
 
 TAKE, GIVE, FOLLOW = b"T", b"G", b"F"
@@ -75,7 +75,7 @@ class Keeper:
     """Passes targets from the driver's socket to the robot's motors while the robot, the driver and the
     network have no fault."""
 
-    def __init__(self, orders: Orders, node: UnitreeNode, driver: socket.socket) -> None:
+    def __init__(self, orders: Orders, node: InterfaceNode, driver: socket.socket) -> None:
         self._topic, self._whole = orders.topic, orders.whole
         self._node, self._driver = node, driver
         self._states = node.reader("rt/lowstate", messages.STATE)
@@ -256,7 +256,7 @@ def main() -> None:
     driver = socket.socket(fileno=orders.socket)
     driver.setblocking(False)
     try:
-        node = UnitreeNode(orders.interface, orders.domain)
+        node = InterfaceNode(orders.interface, orders.domain)
         keeper = Keeper(orders, node, driver)
     except TciError as error:
         driver.send(STATUS.pack(Phase.WAITING, True, 0.0) + str(error).encode())

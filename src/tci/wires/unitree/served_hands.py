@@ -12,18 +12,18 @@ from tci.drivers.remote.controllers import movable, position_order
 from tci.errors import FrameError
 from tci.messages import JointReading, Order, SkinFrame
 from tci.robot.description import Robot
+from tci.shared.interface_node import InterfaceNode, latest
 from tci.wires.unitree import messages
 from tci.wires.unitree.finger_motors import FOLLOWS
 from tci.wires.unitree.hands import fingers_of, pads_of
 from tci.wires.unitree.motors import FINGER_MOTORS
-from tci.wires.unitree.node import UnitreeNode, latest
 from tci.wires.unitree.wire import MOTOR_STATE, PRESS, TAXELS, decode_hand_command, encode_hand
 
 
 class ServedHand:
     """One Dex3 hand of a served robot."""
 
-    def __init__(self, robot: Robot, side: str, node: UnitreeNode) -> None:
+    def __init__(self, robot: Robot, side: str, node: InterfaceNode) -> None:
         """Opens the hand's topics if the robot has fingers or patches on this hand.
 
         Raises DriverError if an address in the binding is invalid.

@@ -21,12 +21,12 @@ from tci.gate.safe_command import SafeCommand
 from tci.messages import JointReading, Order, Perception, Reading
 from tci.messages.clock import Every
 from tci.reasons import Code, Reason
+from tci.shared.interface_node import InterfaceNode, latest
+from tci.shared.interfaces import is_loopback
 from tci.wires.unitree import messages
 from tci.wires.unitree.address import parse_unitree
 from tci.wires.unitree.driver import slots_of
 from tci.wires.unitree.motors import SIDES, commanded
-from tci.wires.unitree.network import is_loopback
-from tci.wires.unitree.node import UnitreeNode, latest
 from tci.wires.unitree.served_hands import ServedHand
 from tci.wires.unitree.switcher import SwitcherServer
 from tci.wires.unitree.wire import STATE, WEIGHT, decode_command, encode_state
@@ -75,7 +75,7 @@ class UnitreeServer(Server):
         self._first = np.full(len(driver.robot.servos), np.nan)
         self._moved = np.zeros(len(driver.robot.servos), dtype=bool)
         self._silent: float | None = None
-        self._node = UnitreeNode(self._where.interface, self._where.domain)
+        self._node = InterfaceNode(self._where.interface, self._where.domain)
         self._arms = self._node.reader("rt/arm_sdk", messages.COMMAND)
         self._all = self._node.reader("rt/lowcmd", messages.COMMAND)
         self._states = self._node.out("rt/lowstate", messages.STATE)

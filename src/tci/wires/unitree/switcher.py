@@ -8,8 +8,8 @@ from contextlib import suppress
 from typing import Any
 
 from tci.errors import DriverError
+from tci.shared.interface_node import MOST, InterfaceNode, latest
 from tci.wires.unitree import messages
-from tci.wires.unitree.node import MOST, UnitreeNode, latest
 
 CHECK, SELECT, RELEASE = 1001, 1002, 1003
 """Numbers by which the service identifies its calls."""
@@ -28,7 +28,7 @@ NAME = "ai"
 class Switcher:
     """Client of the service `motion_switcher`."""
 
-    def __init__(self, node: UnitreeNode) -> None:
+    def __init__(self, node: InterfaceNode) -> None:
         self._responses = node.reader(
             "rt/api/motion_switcher/response", messages.RESPONSE, keep=MOST, reliable=True
         )
@@ -86,7 +86,7 @@ class Switcher:
 class SwitcherServer:
     """Server of the service `motion_switcher` for a served robot."""
 
-    def __init__(self, node: UnitreeNode) -> None:
+    def __init__(self, node: InterfaceNode) -> None:
         self.name = NAME
         """Name of the controller that runs. The text is empty if no controller runs."""
         self._requests = node.reader(

@@ -1,4 +1,4 @@
-"""One participant in a Unitree robot's DDS domain.
+"""One participant in a DDS domain on one network interface, as Unitree's robots use it.
 
 No Python thread receives messages. Cyclone keeps the newest messages until they are read.
 """
@@ -19,8 +19,8 @@ from cyclonedds.util import duration
 
 from tci.errors import DriverError
 from tci.shared.dds_domain import MOST_PARTICIPANTS, close_domain, open_domain
+from tci.shared.interfaces import is_loopback
 from tci.shared.own_sockets import on_interface
-from tci.wires.unitree.network import is_loopback
 
 RELIABLE = Policy.Reliability.Reliable(duration(milliseconds=0))
 """DDS policy by which a writer sends lost messages again, but never waits for a slow reader."""
@@ -47,7 +47,7 @@ class Out:
                 raise DriverError(f"a message can't be sent: {error}") from error
 
 
-class UnitreeNode:
+class InterfaceNode:
     """One DDS participant, which sends and receives only on one network interface."""
 
     def __init__(self, interface: str, domain: int) -> None:

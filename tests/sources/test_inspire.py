@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 
@@ -12,10 +13,13 @@ import pytest
 from typer.testing import CliRunner
 
 import tci
+from helpers import HELPERS
+from helpers.dds_domains import DOMAINS
 from helpers.peers import peer_python
 from helpers.touch_devices import INSPIRE, InspireHand
 from tci.capabilities import Capability, Need
 from tci.cli.main import app
+from tci.drivers.registry import source_at
 from tci.errors import DriverError
 from tci.messages import Order, Perception
 from tci.reasons import Code
@@ -181,3 +185,38 @@ def test_which_hand_must_be_said_and_a_robot_without_pads_is_refused(hand: Inspi
         tci.connect("g1-inspire", f"sim + {hand.via}")
     with pytest.raises(DriverError, match=r"g1 has no patch.*g1-inspire"):
         tci.connect("g1", f"sim + {hand.via}")
+
+
+@pytest.mark.parametrize("letter", ["l", "r"])
+def test_the_makers_topics_give_the_same_pads_and_a_crossed_hand_is_told(letter: str) -> None:
+    """Stand-in of the bridge with cyclonedds' own encoder; no second author is known."""
+    domain = next(DOMAINS)
+    words = [sys.executable, str(HELPERS / "inspire_bridge.py"), str(domain), letter]
+    bridge = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+    try:
+        assert bridge.stdout is not None
+        assert bridge.stdout.readline().strip() == "2208", "as long as a message from a robot"
+        with tci.connect("g1-inspire", f"sim + inspire:dds://lo/{domain},side=left") as driver:
+            end = time.monotonic() + (10.0 if letter == "l" else 1.5)
+            ours: dict[str, list[float]] = {}
+            while "left_palm" not in ours and time.monotonic() < end:
+                time.sleep(0.02)
+                frames = [one for one in driver.read().skin if one.patch.startswith("left_")]
+                ours = {one.patch: one.values.tolist() for one in frames if not np.isnan(one.values).any()}
+            told = [one for one in driver.diagnose() if "rt/inspire_hand" in one.subject]
+        if letter == "r":
+            (crossed,) = told
+            assert "the other hand's topic is there" in crossed.what
+            assert "single hand r" in crossed.advice
+            return
+        assert not told
+        flat = [value for pad in INSPIRE for value in ours[f"left_{pad}"]]
+        assert flat == [k % 4096 for k in range(1062)], "the order of the registers"
+    finally:
+        bridge.kill()
+        bridge.wait()
+
+
+def test_a_topic_needs_a_side() -> None:
+    with pytest.raises(DriverError, match=r"valid: inspire:dds://eth0,side=left"):
+        source_at("inspire:dds://lo")

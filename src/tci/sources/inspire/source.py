@@ -1,5 +1,7 @@
 """`inspire:HOST[:PORT]`: touch and angles of an Inspire RH56DFTP hand over Modbus TCP. Reads only.
 
+`inspire:dds://INTERFACE[/DOMAIN],side=left`: its touch from the maker's bridge on a Unitree robot instead.
+
 Addresses count bytes, counts are registers of two bytes (Inspire, manual PRJ-02-TS-U-001 V1.0.0). Words are
 big endian: the author of PyPI inspire-rh56dftp 0.1.0 measured it on a hand. The hand echoes transaction ids
 off by one, so ids are not compared; a late answer could be taken for another pad's, so a timeout closes the
@@ -11,14 +13,23 @@ from __future__ import annotations
 import socket
 import struct
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import count
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tci.drivers.diagnosis import Finding
 from tci.drivers.source import FingerAngles, Sample, Source
 from tci.errors import DriverError, FrameError
+from tci.support.installed import needs
 
+if TYPE_CHECKING:
+    from tci.sources.inspire.topics import InspireTopics
+
+DDS = "dds://"
+WAIT = 0.2
+"""Longest time [s] of one `read` of a topic."""
 PORT = 6000
 TIMEOUT = 0.5
 """Longest time [s] that the hand may take for an answer."""
@@ -51,32 +62,60 @@ class InspireSource(Source):
     device = "inspire-rh56dftp"
     writes = "requests to read (function 3) the touch registers 3000 to 5123 and the angles at 1546"
 
-    def __init__(self, address: str = "") -> None:
-        """Raises DriverError for an address without a host."""
+    def __init__(self, address: str = "", *, side: str = "") -> None:
+        """`side` says which hand's topic is read, over DDS.
+
+        Raises DriverError for an address without a host or a side, MissingExtraError without the library for
+        DDS.
+        """
         super().__init__(address)
+        self._socket: socket.socket | None = None
+        self._ids = count(1)
+        self._topics: InspireTopics | None = None
+        if address.startswith(DDS):
+            interface, _, domain = address.removeprefix(DDS).partition("/")
+            if not interface or not (domain or "0").isdecimal() or not side:
+                raise DriverError(
+                    f"inspire:{address}; valid: inspire:dds://eth0,side=left, or /DOMAIN behind eth0"
+                )
+            with needs(f"the source 'inspire:{address}'", "unitree"):
+                from tci.sources.inspire.topics import InspireTopics
+            self._topics = InspireTopics(interface, int(domain or 0), side, dict(self.pads))
+            self.writes = "nothing"  # type: ignore[misc] # of this way to the hand
+            return
         host, _, port = address.rpartition(":") if ":" in address else (address, "", str(PORT))
         if not host or not port.isdecimal():
             raise DriverError(
                 f"inspire:{address}; valid: inspire:HOST or inspire:HOST:PORT; as sold 192.168.11.210"
             )
         self._host, self._port = host, int(port)
-        self._socket: socket.socket | None = None
-        self._ids = count(1)
 
     def open(self) -> None:
+        if self._topics is not None:
+            self._topics.open()
+            return
         self._socket = socket.create_connection((self._host, self._port), timeout=2.0)
         self._socket.settimeout(TIMEOUT)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def read(self) -> Iterable[Sample | FingerAngles]:
-        """One sweep, each pad as soon as it is there."""
+        """One sweep, each pad as soon as it is there; or the next message."""
+        if self._topics is not None:
+            yield from (one for one in self._topics.read(WAIT) if one.pad in self.wants)
+            return
         for pad, (address, size) in REGISTERS.items():
             if pad in self.wants:
                 yield Sample(pad, self._registers(address, size))
         angles = self._registers(ANGLES, len(JOINTS)).astype(float) / 1000.0
         yield FingerAngles(dict(zip(JOINTS, angles.tolist(), strict=True)))
 
+    def diagnose(self) -> Iterator[Finding]:
+        if self._topics is not None:
+            yield from self._topics.diagnose()
+
     def close(self) -> None:
+        if self._topics is not None:
+            self._topics.close()
         if self._socket is not None:
             self._socket.close()
             self._socket = None

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -119,3 +121,44 @@ def test_a_refused_connection_says_what_to_do_next(via: str, advice: str) -> Non
     assert isinstance(said.exception, DriverError)
     assert str(said.exception).startswith(via)
     assert advice in str(said.exception)
+
+
+WINDOWS = """
+import sys, types
+for module in ("fcntl", "grp", "pwd", "resource", "termios", "tty"):
+    sys.modules[module] = None
+from importlib.metadata import entry_points
+for point in entry_points(group="tci.sources"):
+    point.load()  # importing a source needs no POSIX
+from tci.drivers.registry import source_at
+from tci.errors import DriverError
+source = source_at("array:serial://" + sys.argv[1])
+sys.modules["serial"] = None
+try:
+    source.open()
+except DriverError as error:
+    print(error)
+class Serial:
+    def __init__(self, port, baud, timeout):
+        self.rest, self.asked = b"pad 1 2 3\\n", (port, baud, timeout)
+    in_waiting = property(lambda self: len(self.rest))
+    def read(self, count):
+        data, self.rest = self.rest[:count], self.rest[count:]
+        return data
+    def close(self):
+        print("closed", *self.asked)
+sys.modules["serial"] = types.SimpleNamespace(Serial=Serial)
+source.open()
+print([(one.pad, one.values.tolist()) for one in source.read()], list(source.read()))
+source.close()
+"""
+"""Sources without the parts of POSIX that Windows lacks, and a stand-in of pyserial."""
+
+
+@pytest.mark.parametrize("port", ["COM5", "/dev/cu.usbmodem1"])
+def test_ports_are_read_through_pyserial_where_the_system_has_no_termios(port: str) -> None:
+    ran = subprocess.run([sys.executable, "-c", WINDOWS, port], capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+    assert f"{port}: this system has no termios; valid: pip install pyserial" in ran.stdout
+    assert "[('pad', [1.0, 2.0, 3.0])] []" in ran.stdout
+    assert f"closed {port} 115200 0" in ran.stdout

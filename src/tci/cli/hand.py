@@ -173,6 +173,7 @@ def _examine(reader: SourceReader, *, as_json: bool) -> None:
     from tci.cli.doctor import print_findings
     from tci.errors import CommandError
     from tci.lab.commissioning.hand import examine_hand
+    from tci.lab.commissioning.hand_rest import rest_file
 
     reader.wait(1.0)
 
@@ -182,7 +183,8 @@ def _examine(reader: SourceReader, *, as_json: bool) -> None:
         except typer.Abort as error:
             raise CommandError("--doctor asks you to press; valid: in a terminal") from error
 
-    found = (*examine_hand(reader, ask, seconds=PRESS), *reader.diagnose())
+    last = rest_file(reader.name)
+    found = (*examine_hand(reader, ask, seconds=PRESS, last=last), *reader.diagnose())
     print_findings(reader.name, found, (), as_json=as_json)
 
 

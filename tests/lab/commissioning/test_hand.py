@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -93,3 +95,24 @@ def test_the_other_hand_and_a_pad_the_other_way_round_are_told(
     found = dict(told(reader, person))
     assert "opposite order" in found["fingers"]
     assert "far left at row 1, column 14, far right at row 1, column 1" in found["palm"]
+
+
+def test_a_pad_that_rests_elsewhere_than_in_the_last_session_is_told_and_not_learnt(
+    hand: InspireHand, reader: SourceReader, tmp_path: Path
+) -> None:
+    last, person = tmp_path / "hands" / "mine.json", Person(hand)
+
+    def warned() -> list[str]:
+        found = examine_hand(reader, person, seconds=0.1, last=last)
+        return [f"{one.subject}: {one.what}" for one in found if one.level is Level.WARNING]
+
+    assert warned() == []
+    for pressed in (0, 100):  # warmth, below 5 % of the range
+        person.rest["ring_tip"] = [value + pressed for value in person.rest["ring_tip"]]
+        assert warned() == []
+    person.rest["thumb_pad"][5] += 700
+    for _ in range(2):
+        (one,) = warned()
+        assert re.match(r"thumb_pad: 1 of 96 taxels rest elsewhere than on 20.*\+700 counts", one)
+    last.write_text("{rubbish")
+    assert warned() == []

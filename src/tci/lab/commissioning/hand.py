@@ -6,12 +6,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.source_reader import SourceReader
+from tci.lab.commissioning.hand_rest import SHARE, compare_rest
 from tci.robot.tactile_devices import FINGERS, DevicePad, devices, in_rows, pads_of, place_of
 
 NOISE = 5.0
@@ -39,11 +41,18 @@ class Seen:
         return np.nan_to_num(found)
 
 
-def examine_hand(reader: SourceReader, ask: Ask, *, seconds: float) -> tuple[Finding, ...]:
-    """Looks for `seconds` [s] after each thing that it asks for."""
+def examine_hand(
+    reader: SourceReader, ask: Ask, *, seconds: float, last: Path | None = None
+) -> tuple[Finding, ...]:
+    """Looks for `seconds` [s] after each thing that it asks for. `last` is the file with the rest of the last
+    session, which this one replaces unless a pad rests elsewhere."""
     ask("take your hands off it")
     rest = _watch(reader, seconds)
     found = list(_at_rest(reader, rest))
+    if last is not None:
+        seen = {pad: one for pad, one in rest.items() if len(one.frames)}
+        least = {pad: _elsewhere(reader, pad, one) for pad, one in seen.items()}
+        found += compare_rest(last, {pad: np.median(one.frames, axis=0) for pad, one in seen.items()}, least)
     felt: dict[str, str] = {}
     most = {pad: np.zeros(seen.frames.shape[1]) for pad, seen in rest.items()}
     for place in dict.fromkeys(map(place_of, reader.pads)):
@@ -109,6 +118,13 @@ def _at_rest(reader: SourceReader, rest: dict[str, Seen]) -> Iterator[Finding]:
             yield Finding(Level.WARNING, pad, said, advice)
         if none := int(np.isnan(seen.frames).all(axis=0).sum()):
             yield Finding(Level.WARNING, pad, f"{none} taxels have no value", "check its cable")
+
+
+def _elsewhere(reader: SourceReader, pad: str, rest: Seen) -> float:
+    """Difference [counts] from the last session that is neither noise nor warmth."""
+    top = _top(reader, pad)
+    noise = float(rest.change(rest).max(initial=0.0))
+    return max(LEAST, NOISE * noise, SHARE * top if np.isfinite(top) else 0.0)
 
 
 def _share(change: NDArray[np.float64], rest: Seen) -> float:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from tci.simulation.finger import Finger as Finger
     from tci.simulation.hand import Hand as Hand
     from tci.simulation.hand import Person as Person
-    from tci.simulation.hand import PersonModel as PersonModel
+    from tci.simulation.hand_model import PersonModel as PersonModel
     from tci.simulation.hand_path import HandPath as HandPath
     from tci.simulation.imperfection import Imperfection as Imperfection
     from tci.simulation.obstacle import Obstacle as Obstacle

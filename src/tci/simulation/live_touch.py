@@ -7,8 +7,9 @@ from numpy.typing import ArrayLike
 
 from tci.errors import CommandError
 from tci.messages.frames import Array
-from tci.simulation.hand import PAD_DAMPING, PAD_MASS, Hand
+from tci.simulation.hand import Hand
 from tci.simulation.hand_control import MOMENT
+from tci.simulation.hand_model import PAD_DAMPING, PAD_MASS
 from tci.simulation.hand_path import APPROACH, BEHIND, GAP, PADS, RISE, HandPath
 from tci.simulation.touch import FRICTION
 

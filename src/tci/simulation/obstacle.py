@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from tci.errors import CommandError
 from tci.messages.frames import Array
 from tci.robot.neutral import neutral
-from tci.simulation.hand import contact_of
+from tci.simulation.hand_model import contact_of
 from tci.simulation.physics import Physics, exclusive
 from tci.simulation.posed_skin import PosedSkin, unit
 from tci.support.engine import mujoco

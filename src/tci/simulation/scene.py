@@ -16,7 +16,7 @@ from tci.robot.description import SOLE, Robot
 from tci.robot.kinematics import KinematicChain
 from tci.robot.neutral import neutral, plain_options
 from tci.simulation.finger import RADIUS, add_finger
-from tci.simulation.hand import PersonModel, add_hand
+from tci.simulation.hand_model import PersonModel, add_hand
 from tci.simulation.obstacle import Obstacle, add_obstacle
 from tci.simulation.touch import FINGER_PRIORITY, FLOOR, add_skin
 from tci.simulation.touch import FRICTION as SLIDES

@@ -19,7 +19,8 @@ from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
 from tci.robot.like import RobotLike, as_robot
 from tci.simulation.finger import RADIUS, Finger
-from tci.simulation.hand import Hand, Hands, Person, PersonModel
+from tci.simulation.hand import Hand, Hands, Person
+from tci.simulation.hand_model import PersonModel
 from tci.simulation.hand_path import APPROACH
 from tci.simulation.imperfection import Imperfection
 from tci.simulation.joint_torques import JointTorques

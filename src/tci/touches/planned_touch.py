@@ -293,7 +293,7 @@ def _wander(hand: _Hand, chart: Chart, spot: Spot, pads: int) -> Motion:
     phase = 2.0 * np.pi * (DT * np.arange(count)[:, None] * np.array(rates) + own.uniform(0.0, 1.0, pads))
     lifted = np.maximum(0.0, np.sin(phase))
     _, _, shares = _still(force, pads, hand)
-    return ways[0], ways[1], shares * lifted * 2.0
+    return ways[0], ways[1], shares * lifted * np.pi  # half a sine is 1 / pi in the mean
 
 
 _MOTIONS = {

@@ -35,7 +35,7 @@ def test_a_line_and_a_file_touch_one_after_another(tmp_path: Path) -> None:
 
 def test_what_can_not_be_done_is_told() -> None:
     words = tci("run", "withdrawal", "nao", "--touch", "stroke belly", status=1).replace("\n", " ")
-    assert "no skin of nao at a place named 'belly'" in words
+    assert "nao has no skin on 'belly'" in words
     assert "back of left hand" in words
     refused = tci("run", "withdrawal", "nao", "--via", "replay:x.mcap", "--touch", STROKE, status=1)
     assert "need a simulated robot" in refused.replace("\n", " ")

@@ -162,7 +162,7 @@ def test_a_person_touches_as_the_words_say_and_differently_in_each_episode() -> 
     assert min(peaks) > 0.3
     assert peaks[3] == peaks[0]
     assert len(set(peaks)) == 3
-    with pytest.raises(TciError, match="no skin of g1 at a place named 'belly'"):
+    with pytest.raises(TciError, match="g1 has no skin on 'belly'"):
         TouchEnv("g1", touches=["press belly"])
 
 

@@ -60,9 +60,7 @@ def test_every_place_of_a_robot_feels_a_press_there(robot: str) -> None:
 
 
 def test_words_of_other_robots_are_refused_with_the_places_of_this_one() -> None:
-    with pytest.raises(
-        UnknownNameError, match=r"no skin of nao at a place named 'belly'.*left wrist.*left_hand"
-    ):
+    with pytest.raises(TciError, match=r"nao has no skin on 'belly'; valid: .*left wrist.*left_hand"):
         plan(body_of("nao"), "press belly")
     with pytest.raises(UnknownNameError, match="did you mean 'left wrist'"):
         plan(body_of("nao"), "press 'left wrst'")
@@ -110,6 +108,10 @@ ELAN_TEXT = """Begin Time - ss.msec\tEnd Time - ss.msec\tDuration - ss.msec\tlef
 0.5\t2.5\t2.0\tstroke\t
 1.0\t1.0\t0.0\t\tpat right upper arm outside
 """
+ELAN_LONG = """Tier\tParticipant\tBegin Time - ss.msec\tEnd Time - ss.msec\tAnnotation
+left_forearm_0.2..0.8\tada\t0.5\t2.5\tstroke
+notes\tada\t1.0\t1.0\tpat right upper arm outside
+"""
 ELAN = """<?xml version="1.0" encoding="UTF-8"?>
 <ANNOTATION_DOCUMENT>
   <TIME_ORDER>
@@ -127,6 +129,7 @@ ELAN = """<?xml version="1.0" encoding="UTF-8"?>
 """
 FILES = {
     "e.tsv": BIDS, "t.csv": BORIS_TABULAR, "a.csv": BORIS_AGGREGATED, "e.txt": ELAN_TEXT, "e.eaf": ELAN,
+    "l.txt": ELAN_LONG,
 }  # fmt: skip
 
 

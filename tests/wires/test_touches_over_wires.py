@@ -106,7 +106,7 @@ def test_a_nao_as_it_is_sold_feels_a_press_and_what_a_program_inserts() -> None:
             assert told[59] == ["head"]
             assert told[19] == told[-1] == []
             refused = tci("touch", "nao-plain", "stroke 'left forearm'", status=1)
-            assert "no skin of nao-plain at a place named 'left forearm'" in refused
+            assert "nao-plain has no skin on 'left forearm'" in refused
             assert "top of head" in refused
         finally:
             one.kill()

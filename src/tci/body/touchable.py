@@ -68,10 +68,12 @@ def without_skin(robot: Robot) -> tuple[str, ...]:
     """The generic parts without skin, and the bare limbs of the other arms: `upper arm of left_arm`."""
     places = {(patch.part, patch.segment) for patch in robot.patches}
     worn = {patch.part for patch in robot.patches}
+    fingers = {part.side: part.name for part in robot.parts if part.kind == "fingers"}
 
     def bare(part: GenericPart) -> Iterator[str]:
         if part.name not in worn:
-            yield part.name
+            if part.kind != "hand" or (fingers.get(part.side), "palm") not in places:
+                yield part.name
         elif part.kind == "arm":
             limbs = [one for one in SEGMENTS if (part.name, one) not in places]
             if limbs:

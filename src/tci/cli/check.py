@@ -123,7 +123,7 @@ def check(
     else:
         _print_check(robot, found, notes, doubtful, faults=() if simulate else faults)
         if proof is not None:
-            _print_proof(proof)
+            _print_proof(found, proof)
     if faults:
         raise SystemExit(1)
 
@@ -146,7 +146,7 @@ def _prove(robot: Robot, verdict: Verdict, touches: Sequence[PlannedTouch], *, q
             return prove(robot, verdict=verdict, touches=touches, progress=show)
 
 
-def _print_proof(proof: Proof) -> None:
+def _print_proof(robot: Robot, proof: Proof) -> None:
     from tci.lab.experiments.verdict import POSTURES
 
     for axes in proof.axes:
@@ -156,7 +156,7 @@ def _print_proof(proof: Proof) -> None:
             highlight=False,
         )
     if proof.trials or proof.patches or not proof.faults:
-        _print_touches(proof)
+        _print_touches(robot, proof)
     else:
         console.print("touches: not tried before these faults are mended", highlight=False)
     for fault in proof.faults:
@@ -169,7 +169,9 @@ def _print_proof(proof: Proof) -> None:
     console.print(f"{proof.robot}: {end}")
 
 
-def _print_touches(proof: Proof) -> None:
+def _print_touches(robot: Robot, proof: Proof) -> None:
+    from tci.cli.touching import felt_words
+
     answered = sum(trial.responded for trial in proof.trials)
     if proof.without_skin:
         bare = ", ".join(proof.without_skin)
@@ -184,8 +186,9 @@ def _print_touches(proof: Proof) -> None:
             )
             console.print(f"  note: {patch.patch} did not move: {why}", style="yellow", highlight=False)
     for touch in proof.touches:
-        words = f"{touch.kind} {touch.place}, on {touch.patch}: asked {touch.asked_n:.3g} N"
-        console.print(f"{words}, felt up to {touch.felt_n:.3g} N", highlight=False, markup=False)
+        felt = felt_words(robot, touch.patch, touch.felt_n, touch.asked_n)
+        words = f"{touch.kind} {touch.place}, on {touch.patch}: {felt}"
+        console.print(words, highlight=False, markup=False)
 
 
 def _print_check(

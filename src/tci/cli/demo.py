@@ -148,6 +148,8 @@ def _run_trials(
     if skin_rate is not None:
         robots = [with_skin_rate(one, skin_rate) for one in robots]
     reflex = WithdrawalReflex(mode=_mode(mode))
+    if out.exists() and not out.is_dir():
+        raise CommandError(f"{out} is a file; valid: --out FOLDER, for picture and report")
     out.mkdir(parents=True, exist_ok=True)
     columns = (TextColumn("{task.description:<44}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with told_here(), Progress(*columns, console=console, disable=as_json) as progress:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from tci.cli.console import written
+from tci.cli.console import console, written
 from tci.cli.options import AsJson, Begin, End, RecordedRobot, RecordingFile
 
 
@@ -37,3 +37,8 @@ def film(
 
     pictures = film_recording(file, out, robot=robot, part=part, begin=begin, end=end)
     written(out, {"pictures": pictures}, as_json=as_json)
+    if not as_json:
+        words = (
+            "what touched the robot is not in a recording; with the hand: tci run ... --touch ... --film FILE"
+        )
+        console.print(words, style="dim", highlight=False, markup=False)

@@ -47,7 +47,7 @@ def touch(
 
     Example:  tci touch nao --via yarp --touches visit.tsv
     """
-    from tci.cli.touching import tell_rows
+    from tci.cli.touching import felt_words, tell_rows
     from tci.robot.catalogue import load_robot
 
     if not words and touches is None:
@@ -68,7 +68,7 @@ def touch(
         print_json({"robot": described.name, "touches": end["done"], "missed_touches": missed})
     else:
         for row in end["done"]:
-            felt = f"felt {row['felt_N']:.2g} N of {row['force_N']:.3g} N"
+            felt = felt_words(described, row["patch"], row["felt_N"], row["force_N"])
             console.print(f"{row['kind']} {row['place']}: {felt}", highlight=False, markup=False)
         for reason in missed:
             console.print(f"a hand did not touch at {reason}", style="yellow", highlight=False, markup=False)

@@ -102,6 +102,14 @@ def tell_rows(robot: Robot, rows: Sequence[Mapping[str, Any]]) -> None:
             console.print(words, style="yellow", highlight=False, markup=False)
 
 
+def felt_words(robot: Robot, patch: str, felt: float, asked: float) -> str:
+    """What a patch felt of a touch with the force `asked` [N]. A switch only knows that it is pressed: the
+    force `felt` [N] of its contact is the one that closes it."""
+    if robot.patch(patch).sensor.switch:
+        return f"{'pressed' if felt else 'not pressed'}, by {asked:.3g} N"
+    return f"felt {felt:.2g} N of {asked:.3g} N"
+
+
 def example_touch(world: World) -> str:
     """A line of words for a touch that this robot can feel now, and for which a hand has room; empty if there
     is none."""

@@ -38,8 +38,9 @@ def read_touches(
     """Reads a sequence of touches.
 
     A `.tsv` is a BIDS events file, a `.eaf` an ELAN annotation document, a `.csv` or `.txt` an export of
-    BORIS (tabular or aggregated events) or of ELAN (with column headers). In ELAN an annotation is a line of
-    words as for `parse_touch`, or a kind on a tier with the name of the place. In BORIS the behaviour is the
+    BORIS (tabular or aggregated events) or of ELAN (with column headers; one column for each tier, or columns
+    Tier and Annotation). In ELAN an annotation is a line of words as for `parse_touch`, or a kind on a tier
+    with the name of the place. In BORIS the behaviour is the
     kind, the modifiers are the place and the strength, the subject is the person.
 
     Args:
@@ -217,14 +218,22 @@ def _elan_rows(
     if begin is None or end is None:
         message = "no times in seconds; valid: Begin Time - ss.msec and End Time - ss.msec"
         raise DescriptionError(source, [Fault(1, message)])
+    words = next((name for name in names if re.fullmatch(r"(?i)annotation( value)?", name)), None)
     tiers = [name for name in names if not re.match(r"(Begin|End) Time|Duration", name) and name]
-    return [
-        (line, _maker(_annotated, text, tier.replace("_", " "), row[begin], row[end], kinds))
-        for line, cells in rows
-        for row in [dict(zip(names, cells, strict=False))]
-        for tier in tiers
-        if (text := row.get(tier, "").strip())
-    ]
+    found: Rows = []
+    for line, cells in rows:
+        row = {name: cell.strip() for name, cell in zip(names, cells, strict=False)}
+        said = (
+            [(row.get("Tier", ""), row.get(words, ""))]
+            if words
+            else [(one, row.get(one, "")) for one in tiers]
+        )
+        person = row.get("Participant", "").replace(" ", "_") if words else ""
+        for tier, text in said:
+            if text:
+                make = _maker(_annotated, text, tier.replace("_", " "), row[begin], row[end], kinds)
+                found.append((line, _maker(_by, make, person)))
+    return found
 
 
 def _eaf_rows(data: bytes, source: str, kinds: Mapping[str, Kind]) -> Rows:

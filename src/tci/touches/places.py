@@ -153,7 +153,7 @@ def _word_spot(
         raise TciError(f"{body.robot.name} has no skin on {name!r} at {where}; valid: {_valid(body)}")
     every = {words for side in ("left", "right") for row in ROWS for words in [row.words.format(side=side)]}
     if known or name in every or any(_fits(words, name) for words in every):
-        raise UnknownNameError(f"skin of {body.robot.name} at a place", name, _valid_names(body))
+        raise TciError(f"{body.robot.name} has no skin on {name!r}; valid: {_valid(body)}")
     raise UnknownNameError("place", name, _valid_names(body))
 
 

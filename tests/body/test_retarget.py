@@ -125,14 +125,23 @@ def test_the_nearest_posture_is_the_nearest() -> None:
 
 @pytest.mark.parametrize(("name", "side"), ARMS)
 def test_a_retargeted_arm_returns_to_its_generic_angles(name: str, side: str) -> None:
+    """Beyond the limits a command asks for the nearest posture instead (tests/robot/test_shoulder.py)."""
     robot, part = with_retargeting(ROBOTS[name], f"{side}_arm"), f"{side}_arm"
-    random = np.random.default_rng(6)
+    joints, random, within = joint_map(robot, part), np.random.default_rng(6), 0
     for generic in random.uniform(*NAO_RANGE.T, size=(200, 5)):
         for mode in (Mode.POSITION, Mode.IMPEDANCE):
             command = to_platform(robot, GenericCommand(part, mode, generic))
             position = initial_position(robot).copy()
-            position[command.servos] = command.values
-            np.testing.assert_allclose(joint_map(robot, part).to_generic(position), generic, atol=1e-9)
+            position[joints.servos] = exact = joints.to_robot(generic, position)
+            np.testing.assert_allclose(joints.to_generic(position), generic, atol=1e-9)
+            limits = [robot.servos[servo].limits for servo in command.servos]
+            lower, upper = np.array([[one.lower, one.upper] for one in limits], dtype=float).T
+            if np.all((exact >= lower) & (exact <= upper)):
+                within += 1
+                np.testing.assert_array_equal(command.values, exact)
+            else:
+                assert np.any((command.values < lower) | (command.values > upper))
+    assert within > 200
 
 
 @pytest.mark.parametrize(("name", "side"), ARMS)

@@ -73,7 +73,7 @@ def test_only_what_the_limits_allow_is_asked_within_them(name: str) -> None:
     for _ in range(300):
         near = chance.uniform(shoulder.lower, shoulder.upper)
         wanted = shoulder.rotation(chance.uniform(-np.pi, np.pi, 3))
-        asked = shoulder.best(wanted, near)
+        asked = shoulder.goal(wanted, near)
         if np.all(asked == np.clip(asked, shoulder.lower, shoulder.upper)):
             kept += 1
             assert apart(shoulder.rotation(asked), wanted) < 1e-6
@@ -86,7 +86,7 @@ def test_beyond_the_limits_no_posture_nearby_is_nearer_to_what_is_wanted(name: s
     for _ in range(300):
         near = chance.uniform(shoulder.lower, shoulder.upper)
         wanted = shoulder.rotation(near + chance.uniform(-0.4, 0.4, 3))
-        asked = shoulder.best(wanted, near)
+        asked = shoulder.goal(wanted, near)
         angles = np.clip(asked, shoulder.lower, shoulder.upper)
         if not np.any(asked != angles) or abs(np.sin(angles[1])) < 0.1:
             continue
@@ -107,6 +107,6 @@ def test_a_hanging_arm_goes_to_the_limit_without_turning_about_itself() -> None:
             x, y = np.cos([across, along])
             tilt = np.array([[1.0, 0.0, 0.0], [0.0, x, -np.sin(across)], [0.0, np.sin(across), x]])
             tilt = np.array([[y, 0.0, np.sin(along)], [0.0, 1.0, 0.0], [-np.sin(along), 0.0, y]]) @ tilt
-            asked = shoulder.best(tilt @ shoulder.rotation(near), near)
+            asked = shoulder.goal(tilt @ shoulder.rotation(near), near)
             assert asked[1] < shoulder.lower[1]
             assert np.abs(asked - near)[[0, 2]].max() < np.deg2rad(25.0)

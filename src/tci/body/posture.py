@@ -103,7 +103,7 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
     speeds = joints.unlimited
     # each of these methods returns a new array
     if command.mode in ANGLES:
-        values, speeds = joints.to_robot(values, here), joints.speeds(here)
+        values, speeds = joints.goal(values, here), joints.speeds(here)
         if most is not None:
             speeds = frozen(np.minimum(speeds, joints.speeds_on_way(here, values, most)))
     elif command.mode is Mode.VELOCITY:

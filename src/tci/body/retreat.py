@@ -156,7 +156,7 @@ class _Part:
 
     def goal(self, target: Array, position: Array) -> Array:
         """Servo angles (k,) [rad] for generic angles `target` (n,) [rad], within limits and couplings."""
-        goal = self.joints.to_robot(target, position)
+        goal = self.joints.goal(target, position)
         keep_within(position, self.within, goal, np.empty((2, len(self.within.outside))))
         return goal
 

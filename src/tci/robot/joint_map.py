@@ -83,6 +83,14 @@ class JointMap:
         parts = [t.robot(generic.take(t.ids), position.take(t.servos)) for t in self.transforms]
         return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
 
+    def goal(self, generic: Array, position: Array) -> Array:
+        """The angles (k,) [rad] to ask of `servos` for generic angles (n,) [rad]: those of `to_robot`, but a
+        shoulder that has to stop at a limit goes where it comes nearest from `position` (n_servos,) [rad]."""
+        if self._lines is not None:
+            return self.to_robot(generic, position)
+        parts = [t.goal(generic.take(t.ids), position.take(t.servos)) for t in self.transforms]
+        return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
+
     def slope(self, position: Array) -> Array:
         """Returns the derivative d generic / d servo (m, k) at `position` (n_servos,) [rad]: one row for each
         joint in `ids`, one column for each servo in `servos`.

@@ -18,7 +18,7 @@ from tci.errors import DescriptionError, Fault
 from tci.messages.frames import Array, read_only
 from tci.robot.description import GenericPart, Robot
 from tci.robot.generic_arm import SIDEWAYS, shoulder_angles, side_sign, upper_arm_rotation
-from tci.robot.kernels.shoulder import ShoulderArrays, solve, solve_near
+from tci.robot.kernels.shoulder import ShoulderArrays, keep_inside, solve, solve_near
 from tci.robot.kinematics import KinematicChain
 
 SLANT = 0.05
@@ -125,13 +125,21 @@ class Shoulder:
         return [*found[: solve(np.ascontiguousarray(R_TU), self._arrays, found)]]
 
     def best(self, R_TU: Array, near: Array) -> Array:
-        """The solution (3,) [rad] that violates the limits least; of equal ones the nearest to `near` (3,)
-        [rad]. If a joint has to stop at a limit, the others go where the upper arm is nearest to `R_TU`."""
+        """Returns the solution (3,) [rad] that violates the limits least. If several solutions violate the
+        limits equally, returns the solution nearest to `near` (3,) [rad]."""
         best = np.empty(3)
         solve_near(
             np.ascontiguousarray(R_TU), np.ascontiguousarray(near), self._arrays, np.empty((2, 3)), best
         )
         return best
+
+    def goal(self, R_TU: Array, near: Array) -> Array:
+        """The angles (3,) [rad] to ask for from `near` (3,) [rad]: `best`, but if a joint of it has to stop
+        at a limit, the others go where the upper arm is nearest to `R_TU`. Only what the limits allow is
+        asked within them: else some joint asks for more than its limit."""
+        angles = self.best(R_TU, near)
+        keep_inside(np.ascontiguousarray(R_TU), np.ascontiguousarray(near), self._arrays, angles)
+        return angles
 
     def spin(self, angles: Array) -> Array:
         """Returns the axes (3, 3) of the joints at servo `angles` (3,) [rad], in the torso frame, one axis

@@ -47,6 +47,11 @@ class Transform(ABC):
         """Returns the servo angles (k,) [rad] for generic angles (k,) [rad]. If there are several solutions,
         returns the solution nearest to `near` (k,) [rad]."""
 
+    def goal(self, generic: Array, near: Array) -> Array:
+        """The angles (k,) [rad] to ask of the servos: those of `robot`, unless a shoulder has to stop at a
+        limit."""
+        return self.robot(generic, near)
+
     @abstractmethod
     def slope(self, angles: Array) -> Array:
         """Returns the derivative d generic / d servo (k, k) at servo `angles` (k,) [rad]."""
@@ -184,6 +189,9 @@ class Retarget(Transform):
 
     def robot(self, generic: Array, near: Array) -> Array:
         return self._shoulder.best(self._shoulder.wanted(generic, self._R_TM), near)
+
+    def goal(self, generic: Array, near: Array) -> Array:
+        return self._shoulder.goal(self._shoulder.wanted(generic, self._R_TM), near)
 
     def slope(self, angles: Array) -> Array:
         """Returns the derivative d generic / d servo (3, 3). Raises CommandError at 90 degrees of abduction,

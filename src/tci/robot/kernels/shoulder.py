@@ -206,11 +206,45 @@ def _approach(R_TU: Array, begin: Vector, near: Array, pull: float, shoulder: Sh
     return q
 
 
-@inlined
-def _keep_inside(R_TU: Array, near: Array, shoulder: ShoulderArrays, best: Array) -> None:
-    """Changes a solution `best` beyond the limits, so that the others do what they can for the joints that
-    end at their limits. At least one of these asks for more than its limit, so that whoever clips it can tell
-    that the arm does not get there."""
+_SHOULDER = record(ShoulderArrays, reads(2), *[reads(1)] * 4, reads(2), *[reads(1)] * 2)
+
+
+@compiled(int64(reads(2), _SHOULDER, writes(2)))
+def solve(R_TU: Array, shoulder: ShoulderArrays, found: Array) -> int:
+    """Writes the servo angles [rad] at which the upper arm has the rotation `R_TU` (3, 3) into the rows of
+    `found` (2, 3), and returns their number: 1 or 2. Limits are not checked."""
+    count: int = _solve(R_TU, shoulder, found)
+    return count
+
+
+@compiled(void(reads(2), reads(1), _SHOULDER, writes(2), writes(1)))
+def solve_near(R_TU: Array, near: Array, shoulder: ShoulderArrays, found: Array, best: Array) -> None:
+    """Writes the solution that violates the limits least, and of equal ones (to 1e-6 rad) the nearest to
+    `near` (3,) [rad], into `best` (3,). A solution within SHORT of `near` wins in any case: an arm at a limit
+    stays there, instead of turning its shoulder around for a few degrees. `found` (2, 3) is room for all
+    solutions."""
+    chosen, worst, farthest = 0, 0.0, 0.0
+    for k in range(_solve(R_TU, shoulder, found)):
+        outside, apart, turned = 0.0, 0.0, 0.0
+        for i in range(3):
+            turned = max(turned, abs((found[k, i] - near[i] + pi) % (2.0 * pi) - pi))
+        for i in range(3):
+            if turned <= SHORT:
+                found[k, i] = near[i] + (found[k, i] - near[i] + pi) % (2.0 * pi) - pi
+            outside = max(outside, shoulder.lower[i] - found[k, i], found[k, i] - shoulder.upper[i])
+            apart += (found[k, i] - near[i]) * (found[k, i] - near[i])
+        outside = round(outside, 6) if turned > SHORT else -1.0
+        if k == 0 or outside < worst or (outside == worst and apart < farthest):
+            chosen, worst, farthest = k, outside, apart
+    for i in range(3):
+        best[i] = found[chosen, i]
+
+
+@compiled(void(reads(2), reads(1), _SHOULDER, writes(1)))
+def keep_inside(R_TU: Array, near: Array, shoulder: ShoulderArrays, best: Array) -> None:
+    """Changes a solution `best` (3,) [rad] beyond the limits: the joints that don't end at their limits do
+    what they can for those that do, from `near` (3,) [rad]. At least one asks for more than its limit, so
+    that whoever clips it can tell that the arm does not get to `R_TU` (3, 3)."""
     clipped = _within(_vector(best), shoulder)
     if clipped == _vector(best):
         return
@@ -234,38 +268,3 @@ def _keep_inside(R_TU: Array, near: Array, shoulder: ShoulderArrays, best: Array
             else:
                 best[i] = max(best[i], b[i] + more[i])
         return
-
-
-_SHOULDER = record(ShoulderArrays, reads(2), *[reads(1)] * 4, reads(2), *[reads(1)] * 2)
-
-
-@compiled(int64(reads(2), _SHOULDER, writes(2)))
-def solve(R_TU: Array, shoulder: ShoulderArrays, found: Array) -> int:
-    """Writes the servo angles [rad] at which the upper arm has the rotation `R_TU` (3, 3) into the rows of
-    `found` (2, 3), and returns their number: 1 or 2. Limits are not checked."""
-    count: int = _solve(R_TU, shoulder, found)
-    return count
-
-
-@compiled(void(reads(2), reads(1), _SHOULDER, writes(2), writes(1)))
-def solve_near(R_TU: Array, near: Array, shoulder: ShoulderArrays, found: Array, best: Array) -> None:
-    """Writes the solution that violates the limits least, and of equal ones (to 1e-6 rad) the nearest to
-    `near` (3,) [rad], into `best` (3,). A solution within SHORT of `near` wins in any case: an arm at a limit
-    stays there, instead of turning its shoulder around for a few degrees. If a joint has to stop at a limit,
-    the others go where the upper arm is nearest to `R_TU`. `found` (2, 3) is room for all solutions."""
-    chosen, worst, farthest = 0, 0.0, 0.0
-    for k in range(_solve(R_TU, shoulder, found)):
-        outside, apart, turned = 0.0, 0.0, 0.0
-        for i in range(3):
-            turned = max(turned, abs((found[k, i] - near[i] + pi) % (2.0 * pi) - pi))
-        for i in range(3):
-            if turned <= SHORT:
-                found[k, i] = near[i] + (found[k, i] - near[i] + pi) % (2.0 * pi) - pi
-            outside = max(outside, shoulder.lower[i] - found[k, i], found[k, i] - shoulder.upper[i])
-            apart += (found[k, i] - near[i]) * (found[k, i] - near[i])
-        outside = round(outside, 6) if turned > SHORT else -1.0
-        if k == 0 or outside < worst or (outside == worst and apart < farthest):
-            chosen, worst, farthest = k, outside, apart
-    for i in range(3):
-        best[i] = found[chosen, i]
-    _keep_inside(R_TU, near, shoulder, best)

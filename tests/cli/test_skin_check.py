@@ -118,10 +118,14 @@ def test_the_robots_own_skin_and_links_without_meshes() -> None:
     assert "has no mesh to compare with" in text
 
 
-@pytest.mark.parametrize("name", ["alex", "icub-hands", "g1-inspire"])
+@pytest.mark.parametrize("name", ["alex", "icub-hands", "g1-inspire", "talos", "g1"])
 def test_what_check_calls_valid_is_not_called_wrong(name: str) -> None:
-    """Assumed sleeves are judged as `tci check` does, and pads on a palm of boxes not by the wrist's mesh."""
-    assert "wrong" not in {row["verdict"] for row in check_skins(load_robot(name))}
+    """Pads on a palm of boxes are not judged by the wrist's mesh, and sleeves that are far off are told."""
+    rows = check_skins(load_robot(name))
+    assert "wrong" not in {row["verdict"] for row in rows}
+    loose = [row["skin"] for row in rows if row["verdict"] == "loose"]
+    assert loose == (["left_forearm", "right_forearm"] if name == "alex" else [])
+    assert all(row["mean_mm"] <= 25.0 for row in rows if row["verdict"] == "fits")
 
 
 def test_half_a_question_is_refused(tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ def _table(robot: str, rows: list[dict[str, Any]]) -> Table:
     )
     for column in ("skin", "link", "taxels", "mean", "max", "corrected", "verdict"):
         table.add_column(column, justify="left" if column in ("skin", "link", "verdict") else "right")
-    colours = {"fits": "green", "wrong": "red", "not checked": "yellow"}
+    colours = {"fits": "green", "loose": "yellow", "wrong": "red", "not checked": "yellow"}
     for row in rows:
         numbers = ["", "", ""]
         if "mean_mm" in row:
@@ -89,6 +89,10 @@ def _advise(row: dict[str, Any]) -> None:
     """Prints the correction of a skin with a wrong frame, or the reason why no correction was found."""
     if row["verdict"] == "not checked":
         console.print(f"{row['skin']}: {row['reason']}", style="yellow", highlight=False, markup=False)
+    elif row["verdict"] == "loose":
+        off = f"{row['mean_mm']:.0f} mm off {row['link']} in the mean; valid: at most 25"
+        words = f"{row['skin']}: {off}, or a model without its covers"
+        console.print(words, style="yellow", highlight=False, markup=False)
     elif row["verdict"] == "wrong" and "correction" not in row:
         console.print(f"{row['skin']}: it is off {row['link']}", highlight=False, markup=False)
     elif row["verdict"] == "wrong" and row["correction"]["mends"]:

@@ -1,14 +1,14 @@
 """Tries `tci` on the thirty public models of `strangers.toml`, a list fixed before any of them was read.
 
-    python tools/strangers.py DIR [NAME]...
+    python tools/strangers.py DIR [NAME]... [--quick]
 
 DIR holds the models, outside the repository: DIR/OWNER+NAME is a checkout of each GitHub repository of the
 list, and what is on PyPI is downloaded to DIR/pypi. Each model goes through new-robot, check,
 check --simulate and the five lines of the README. Then the description is compared with the list,
 written by hand, and with MuJoCo (MJCF) or Pinocchio (URDF) on the untouched file: poses of the arms'
 links (0.01 degrees, 0.1 mm), limits, masses (0.1 %). If new-robot refuses a model and names an option, the
-option is tried with the value of the list; that is one more line in the result. Results stay in
-OUT/strangers/NAME.json.
+option is tried with the value of the list; that is one more line in the result. --quick leaves out what is
+simulated: check --simulate and the five lines. Results stay in OUT/strangers/NAME.json.
 """
 
 from __future__ import annotations
@@ -120,11 +120,12 @@ def differences(line: dict[str, Any], robot: Robot, file: Path) -> Iterator[str]
         if joints != line[side]:
             yield f"{part.name} is {joints}; by hand {line[side]}"
             return
-        bent = [
-            joint_map(robot, part.name).to_robot(np.array([0, 0, 0, angle, 0]), np.zeros(len(robot.servos)))
-            for angle in (0.0, 0.5)
-        ]
-        moved = bent[1][3] - bent[0][3]
+        elbow, bent = part.servos[3].servo, []
+        for angle in (0.0, 0.5):
+            posed, position = joint_map(robot, part.name), np.zeros(len(robot.servos))
+            position[posed.servos] = posed.to_robot(np.array([0.0, 0.0, 0.0, angle, 0.0]), position)
+            bent.append(position[elbow])
+        moved = bent[1] - bent[0]
         if np.sign(moved) != sign:
             yield f"{part.name}: the elbow bends with {moved:+.2f}; by hand {sign:+d}"
     bare = compiled(load_spec(own), own)
@@ -223,8 +224,9 @@ def _proposed(line: dict[str, Any], file: Path, target: Path) -> tuple[Any, list
         options += offered
 
 
-def try_one(line: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Runs all commands on one model, and returns what they said."""
+def try_one(line: dict[str, Any], folder: Path, *, quick: bool) -> dict[str, Any]:
+    """Runs all commands on one model, or with `quick` those that simulate nothing, and returns what they
+    said."""
     begin = time.perf_counter()
     file = folder / _place(line["source"]) / line["file"]
     target = file.parent / f"tci-{line['name']}.robot.xml"
@@ -236,13 +238,16 @@ def try_one(line: dict[str, Any], folder: Path) -> dict[str, Any]:
         result["told"] = told
         robot = read_robot(target)
         result["wrong"] = list(differences(line, robot, file))
-        for name, words in (("check", ["check"]), ("simulated", ["check", "--simulate"])):
+        result["simulated"], result["five_lines"], result["ran"] = {"faults": []}, "", True
+        commands = [("check", ["check"]), ("simulated", ["check", "--simulate"])]
+        for name, words in commands[: 1 if quick else 2]:
             checked, error = _tci(*words, str(target))
             faults = [error] if checked is None else checked["faults"]
             if checked and name == "simulated":
                 faults = [*faults, *checked["simulated"]["faults"]]
             result[name] = {"faults": faults, "doubts": [] if checked is None else checked["doubts"]}
-        result["five_lines"], result["ran"] = _five_lines(robot, target)
+        if not quick:
+            result["five_lines"], result["ran"] = _five_lines(robot, target)
     result["whole"] = told is not None and not (
         result["wrong"] or result["check"]["faults"] or result["simulated"]["faults"]
     ) and result["ran"]  # fmt: skip
@@ -254,7 +259,7 @@ def _five_lines(robot: Robot, target: Path) -> tuple[str, bool]:
     patches = [one for one in robot.patches if one.name.endswith("_forearm")] or list(robot.patches)
     if not patches:
         return "no skin", False
-    words = [sys.executable, "-c", FIVE_LINES, str(target), patches[0].name, str(len(patches[0].taxels) // 2)]
+    words = [sys.executable, "-c", FIVE_LINES, str(target), patches[0].name, str(patches[0].channels // 2)]
     done = subprocess.run(words, capture_output=True, text=True, timeout=600, check=False)
     said = done.stdout.strip() or done.stderr.strip()[-600:]
     return said, done.returncode == 0 and "moved" in said
@@ -284,6 +289,7 @@ def main() -> None:
     )
     parser.add_argument("folder", type=Path, metavar="DIR")
     parser.add_argument("names", nargs="*", metavar="NAME")
+    parser.add_argument("--quick", action="store_true")
     asked = parser.parse_args()
     lines = tomllib.loads(LIST.read_text())["model"]
     lines = [line for line in lines if not asked.names or line["name"] in asked.names]
@@ -293,7 +299,7 @@ def main() -> None:
     target.mkdir(exist_ok=True)
     results = []
     for line in lines:
-        result = try_one(line, folder)
+        result = try_one(line, folder, quick=asked.quick)
         (target / f"{line['name']}.json").write_text(json.dumps(result, indent=1))
         results.append(result)
         said = "whole" if result.get("whole") else _what(result)

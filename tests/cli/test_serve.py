@@ -14,7 +14,7 @@ from tci.drivers import registry
 from tci.drivers.simulated import SimulatedDriver
 from tci.gate.safe_command import SafeCommand
 from tci.lab.faults.fault_injector import FaultInjector, parse_fault
-from tci.messages import Perception, Reading
+from tci.messages import MonotonicClock, Perception, Reading
 from tci.reasons import MOST
 
 AWAY = 400
@@ -93,3 +93,28 @@ def test_a_served_robot_is_touched_again_and_again(
     assert told["touches"][0]["kind"] == "press"
     assert told["missed_touches"] == []
     assert len(onsets) == 2
+
+
+def test_a_served_simulation_says_that_it_is_late_and_how_to_reach_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A machine that needs five seconds for one of the simulation."""
+    driver = SimulatedDriver(tci.load_robot("nao"), paced=True, people=1)
+
+    class Slow(MonotonicClock):
+        def now(self) -> float:
+            return 5.0 * driver.world.time
+
+        def sleep_until(self, stamp: float) -> None:
+            pass
+
+    monkeypatch.setattr(driver.clock, "_pace", Slow())
+    monkeypatch.setattr(driver.clock, "_ahead", 0.0)
+    monkeypatch.setattr(registry, "connect", lambda *_, **__: driver)
+    monkeypatch.setattr(registry, "open_server", lambda driver, via: Desk(driver, {}))
+    serve("nao", via="desk", duration=3.0)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "tci run withdrawal nao --via 'a desk' --arm" in said
+    assert 2 <= said.count("the simulation is late") <= 3
+    assert said.count("0.20 of real time") >= said.count("the simulation is late")
+    assert "it ran at 0.2" in said

@@ -3,7 +3,8 @@ state."""
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 
 from rich.console import RenderableType
 from rich.live import Live
@@ -12,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tci.cli.console import console
+from tci.cli.repeats import Repeats
 from tci.cli.run_log import Event
 from tci.cli.session import Session
 from tci.drivers.replay import ReplayDriver
@@ -26,27 +28,35 @@ COLOURS = {
     "at rest": "dim", "FAULT": "magenta", "over": "magenta",
 }  # fmt: skip
 """Colour of each kind of event. Events of all other kinds are yellow."""
+MISSED = 0.01
+"""Share of missed periods above which the machine counts as too slow. Assumed: an idle one misses none."""
 
 
 class RunView:
-    """View of a run on the terminal. With `quiet`, the view prints nothing."""
+    """View of a run on the terminal: of each cause at most one line a second. With `quiet`, the view prints
+    nothing."""
 
     def __init__(self, *, quiet: bool) -> None:
         self._live = None if quiet else Live(console=console, refresh_per_second=10, transient=True)
+        self._repeats = Repeats(_print)
 
-    def shown(self) -> AbstractContextManager[object]:
-        """Returns a context manager that shows the line with the current state inside the `with` block."""
-        return self._live or nullcontext()
+    @contextmanager
+    def shown(self) -> Iterator[None]:
+        """Shows the line with the current state inside the `with` block."""
+        with self._live or nullcontext():
+            yield
+        self._repeats.end()
 
     def event(self, event: Event) -> None:
-        """Prints one event."""
+        """Prints one event, or counts it if its cause was printed within the last second."""
         if self._live is not None:
-            console.print(_row(f"{event.now:8.3f} s", event.kind, event.words, _colour(event.kind)))
+            self._repeats.add(event)
 
     def tick(self, tick: Tick, session: Session) -> None:
         """Updates the line with the current state."""
         if self._live is None:
             return
+        self._repeats.pass_time(tick.now)
         line = Text(f"{tick.now:8.3f} s  ")
         line.append(f" {tick.sent.state.name} ", style=f"reverse {_colour(tick.sent.state.name)}")
         counts = session.driver.gate.counts
@@ -84,13 +94,16 @@ def conclude(session: Session, *, filmed: bool) -> None:
         console.print(session.result.summary, highlight=False, markup=False)
     report, counts, state = session.report, session.driver.gate.counts, session.driver.gate.state
     computing = "computing time with the film's pictures" if filmed else "computing time"
+    load = report.work.quantile(0.5) / session.driver.period
     console.print(
-        f"{_periods(session)}; {computing} p50 {report.work.quantile(0.5) * 1e3:.2f}, "
-        f"p99.9 {report.work.quantile(0.999) * 1e3:.2f} ms; "
+        f"{_periods(session)}; {computing} p50 {report.work.quantile(0.5) * 1e3:.2f} ms ({load:.0%} of a "
+        f"period), p99.9 {report.work.quantile(0.999) * 1e3:.2f} ms; "
         f"gate: {counts.holds} holds, {counts.stops} stops, {counts.refusals} refusals; "
         f"state at the end: [{_colour(state.name)}]{state.name}[/]",
         highlight=False,
     )
+    if words := _too_slow(session):
+        console.print(words, style="yellow", highlight=False, markup=False)
     for line in _about_recordings(session):
         console.print(line, highlight=False)
     if log.went_back.counts:
@@ -103,11 +116,24 @@ def conclude(session: Session, *, filmed: bool) -> None:
 def _periods(session: Session) -> str:
     """Returns the numbers of executed and missed periods, as text."""
     report = session.report
+    periods = f"{report.ticks} periods of {session.driver.period * 1e3:g} ms"
     if not (report.missed or isinstance(session.source.clock, MonotonicClock)):
-        return (
-            f"{report.ticks} periods, none missed, since simulated and recorded time wait for this computer"
-        )
-    return f"{report.ticks} periods, {report.overruns} overruns ({report.missed} periods missed)"
+        return f"{periods}, none missed, since simulated and recorded time wait for this computer"
+    return f"{periods}, {report.overruns} overruns ({report.missed} periods missed)"
+
+
+def _too_slow(session: Session) -> str:
+    """Returns a line of text if more than `MISSED` of the periods were missed, else an empty text."""
+    report, period = session.report, session.driver.period
+    share = report.missed / max(report.ticks + report.missed, 1)
+    if share <= MISSED:
+        return ""
+    load = report.work.quantile(0.5) / period
+    why = "computing takes longer than that" if load > 1.0 else "other programs take the processor"
+    return (
+        f"this machine can't keep {1.0 / period:.0f} Hz: {share:.0%} of the periods were missed; "
+        f"computing takes {load:.0%} of a period ({why})"
+    )
 
 
 def _about_recordings(session: Session) -> list[str]:
@@ -124,6 +150,10 @@ def _about_recordings(session: Session) -> list[str]:
         if driver.different and driver.changed:
             lines.append(escape(f"it was recorded with other versions: {'; '.join(driver.changed)}"))
     return lines
+
+
+def _print(event: Event) -> None:
+    console.print(_row(f"{event.now:8.3f} s", event.kind, event.words, _colour(event.kind)))
 
 
 def _colour(kind: str) -> str:

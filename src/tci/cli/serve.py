@@ -3,6 +3,7 @@ these programs."""
 
 from __future__ import annotations
 
+import shlex
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -51,6 +52,7 @@ def serve(
     Example:  tci serve nao --via zenoh --touch "stroke 'left forearm' 3N 8cm/s"
     """
     from tci.cli.operator import HINT, Operator
+    from tci.cli.pace import Pace
     from tci.cli.touch_desk import TouchDesk
     from tci.cli.touching import ask, example_touch
     from tci.drivers.info import moves_nothing_real
@@ -82,6 +84,10 @@ def serve(
         if not as_json:
             words = f"serving {driver.robot.name} as {server.where()}; end with Ctrl-C"
             console.print(words, highlight=False, markup=False)
+            run = ["tci", "run", "withdrawal", robot, "--via", server.reach()]
+            words = shlex.join([*run, "--arm"] if source == "sim" else run)
+            words = f"to use it, in another terminal: {words}"
+            console.print(words, style="dim", highlight=False, markup=False, soft_wrap=True)
         if unreachable and not as_json:
             console.print(unreachable, style="dim", highlight=False, markup=False)
         world = driver.world if isinstance(driver, SimulatedDriver) else None
@@ -90,7 +96,7 @@ def serve(
             words = f'to touch it, in another terminal: tci touch {robot} --via {wire} "{example}"'
             console.print(words, style="dim", highlight=False, markup=False, soft_wrap=True)
 
-        operator = Operator(driver.gate)
+        operator, pace = Operator(driver.gate), Pace(driver.clock)
         stopped = False
         if asked is not None and not as_json:
             asked.tell()
@@ -103,8 +109,9 @@ def serve(
             if asked is not None and tick.now > again:
                 asked.begin(driver)
                 again = tick.now + asked.end
-            for words in operator.listen():
-                console.print(f"{tick.now:10.3f} s  {words}", highlight=False, markup=False)
+            for words in (*operator.listen(), *pace.listen(tick.now)):
+                if not as_json:
+                    console.print(f"{tick.now:10.3f} s  {words}", highlight=False, markup=False)
             if tick.sent.state is GateState.STOP and not stopped and operator.present:
                 console.print(HINT, style="dim", highlight=False)
             stopped = tick.sent.state is GateState.STOP
@@ -132,6 +139,7 @@ def serve(
                 "orders": served.orders,
                 "refusals": dict(served.refusals.counts),
                 "loop": report.to_json(),
+                "speed": pace.speed(),
                 **({} if asked is None else asked.to_json(driver)),
             }
         )
@@ -141,6 +149,9 @@ def serve(
             f"{report.ticks} periods, {served.orders} orders, {refused} refused; at the end {state.name}",
             highlight=False,
         )
+        if pace.late > 0.0:
+            words = f"the simulation was late: it ran at {pace.speed():.2f} of real time"
+            console.print(words, style="yellow", highlight=False)
         if left_out := reasons.counts[OTHERS]:
             console.print(f"{left_out} further messages ({OTHERS}) are not shown", highlight=False)
     if state is GateState.STOP and report.ended == "done":

@@ -50,12 +50,15 @@ class PacedWorldClock(WorldClock):
         super().__init__(world)
         self._pace = MonotonicClock()
         self._ahead = self._pace.now() - world.time
+        self.late = 0.0
+        """Real time [s] that the simulation has lost, because this machine is too slow or too busy."""
 
     def sleep_until(self, stamp: float) -> None:
         super().sleep_until(stamp)
         late = self._pace.now() - (self.now() + self._ahead)
         if late > LATE:
             self._ahead += late
+            self.late += late
         self._pace.sleep_until(self.now() + self._ahead)
 
 

@@ -108,32 +108,33 @@ def _show_progress(claims: Path, workers: list[subprocess.Popen[bytes]]) -> None
     begin, terminal = time.monotonic(), sys.stderr.isatty()
     back, end, pause = ("\r", "", 0.2) if terminal else ("", "\n", 10.0)
     print("tci: compiling its loops for this processor, once after installing it: about half a minute on two "
-          "processors", file=sys.stderr, flush=True)  # fmt: skip
+          "idle processors", file=sys.stderr, flush=True)  # fmt: skip
     shown = begin
     while any(worker.poll() is None for worker in workers):
         time.sleep(0.05)
         if time.monotonic() - shown >= pause:
             shown = time.monotonic()
             line = f"tci: {_state(claims, shown - begin)}"
-            print(f"{back}{line:<50}" if back else line, end=end, file=sys.stderr, flush=True)
+            print(f"{back}{line:<78.78}" if back else line, end=end, file=sys.stderr, flush=True)
     done = (
         "could not compile all its loops"
         if any(worker.returncode for worker in workers)
         else "compiled its loops"
     )
     line = f"tci: {done} in {time.monotonic() - begin:.0f} s"
-    print(f"{back}{line:<50}" if back else line, file=sys.stderr)
+    print(f"{back}{line:<78.78}" if back else line, file=sys.stderr)
 
 
 def _state(claims: Path, now: float) -> str:
-    """How many loops are compiled `now` [s] after the start, and about how long the rest takes."""
+    """What is compiled `now` [s] after the start, what is being compiled, and how many loops are left: their
+    time would only be guessed on a machine that others use too."""
     if not (claims / "all").exists():
         return "finding its loops"
     names = (claims / "all").read_text().split()
-    done = sum((claims / f"{name}.done").exists() for name in names)
-    left = now * (len(names) - done) / done if done else 0.0
-    words = f", about {left:.0f} s left" if left >= 5.0 else ""
-    return f"compiled {done} of {len(names)} loops in {now:.0f} s{words}"
+    left = [name for name in names if not (claims / f"{name}.done").exists()]
+    packages = sorted({name.rsplit(".", 2)[0] for name in left})
+    work = ", ".join(name.removeprefix("tci.") for name in packages if (claims / name).exists())
+    return f"compiled {len(names) - len(left)} of {len(names)} loops in {now:.0f} s; now {work or 'the next'}"
 
 
 def modules_with_loops() -> list[str]:

@@ -289,10 +289,15 @@ def _enter_alone() -> None:
 
 def test_progress_counts_loops(tmp_path: Path) -> None:
     assert _state(tmp_path, 3.0) == "finding its loops"
-    (tmp_path / "all").write_text("one\nother\nthird\nfourth")
-    assert _state(tmp_path, 4.0) == "compiled 0 of 4 loops in 4 s"
-    (tmp_path / "one.done").touch()
-    assert _state(tmp_path, 30.0) == "compiled 1 of 4 loops in 30 s, about 90 s left"
+    names = ["tci.gate.kernels.targets.one", "tci.gate.kernels.targets.other", "tci.skin.kernels.mask.third"]
+    (tmp_path / "all").write_text("\n".join(names))
+    assert _state(tmp_path, 4.0) == "compiled 0 of 3 loops in 4 s; now the next"
+    for package in ("tci.gate.kernels", "tci.skin.kernels"):
+        (tmp_path / package).touch()
+    (tmp_path / f"{names[0]}.done").touch()
+    assert _state(tmp_path, 30.0) == "compiled 1 of 3 loops in 30 s; now gate.kernels, skin.kernels"
+    (tmp_path / f"{names[2]}.done").touch()
+    assert _state(tmp_path, 60.0) == "compiled 2 of 3 loops in 60 s; now gate.kernels"
 
 
 @pytest.mark.parametrize("name", modules_with_loops())

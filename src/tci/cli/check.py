@@ -213,6 +213,8 @@ def remarks(robot: Robot) -> list[str]:
     """
     from tci.lab.commissioning.assumptions import powers, too_quick
     from tci.lab.experiments.verdict import arms_missing
+    from tci.robot.model_file import LEAST_MASS, assumed_masses
+    from tci.robot.xml.node import listed
 
     needed = ("lower", "upper", "velocity", "acceleration", "jerk")
     notes = []
@@ -238,4 +240,8 @@ def remarks(robot: Robot) -> list[str]:
         notes.append("no kinematic model: the robot can't be simulated, and its skin has no place in space")
     elif lacks := arms_missing(robot):
         notes.append(f"{lacks}: tci check --simulate proves robots with two arms")
+    if robot.model is not None and (light := assumed_masses(robot.model)):
+        notes.append(
+            f"assumed mass of {LEAST_MASS * 1e3:g} g, as the model has none or 0: {listed(light, most=8)}"
+        )
     return [*notes, *too_quick(robot), *powers(robot)]

@@ -20,10 +20,10 @@ SMALLEST = 1e-12
 """Principal moment of inertia [kg m2] below which a value is a placeholder. Assumed: one gram at a distance
 of one millimetre has 1e-9 kg m2, so smaller values are not real."""
 LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-6
-"""Mass [kg] and moment of inertia [kg m2] that a moving link gets if the values in its file are missing or
-impossible. Assumed: MuJoCo needs values above 0, and these values are small compared with those of real
-links."""
-
+"""Mass [kg] and moment of inertia [kg m2] that a moving link gets if the values in its file are missing or 0.
+Assumed: MuJoCo needs values above 0, and these values are small compared with those of real links."""
+ASSUMED = "mass assumed"
+"""Mark of such a link in the specification (`MjsBody.info`)."""
 
 BOUND_MASS, BOUND_INERTIA = 1e-6, 1e-9
 """Least mass [kg] and moment of inertia [kg m2] of moving links without geoms. MuJoCo can't compile these
@@ -337,12 +337,20 @@ def _mend_inertia(spec: mujoco.MjSpec) -> None:
 
 
 def _mend_masses(spec: mujoco.MjSpec) -> None:
-    """Gives a small mass to moving links without a mass: links with an `<inertial>` of mass 0, and links with
-    neither `<inertial>` nor geometry."""
+    """Gives a small mass to moving links without a mass, and marks them: links with an `<inertial>` of mass
+    0, and links with neither `<inertial>` nor geometry. Raises ValueError for a mass that is no number."""
     for body in spec.bodies:
+        if body.explicitinertial and not (np.isfinite(body.mass) and body.mass >= 0.0):
+            raise ValueError(f"link {body.name}: mass {body.mass:g} kg; valid: a finite mass, at least 0 kg")
         if body.joints and not body.mass > 0.0 and (body.explicitinertial or not body.geoms):
             body.fullinertia = np.full(6, np.nan)
             body.mass, body.inertia, body.explicitinertial = LEAST_MASS, [LEAST_INERTIA] * 3, True
+            body.info = ASSUMED
+
+
+def assumed_masses(model: Model) -> list[str]:
+    """Names of the moving links that got `LEAST_MASS`, since their file says no mass or 0."""
+    return [body.name for body in load_spec(model).bodies if body.info == ASSUMED]
 
 
 def _is_of_a_mesh(error: ValueError, spec: mujoco.MjSpec) -> bool:

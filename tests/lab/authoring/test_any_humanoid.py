@@ -8,13 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lxml import etree
 
 from helpers.made_humanoid import ARM, MadeHumanoid
+from tci.cli.check import remarks
 from tci.errors import DescriptionError
 from tci.lab.authoring.left_out import left_out
 from tci.lab.authoring.limb_kind import named_side
 from tci.lab.authoring.proposal import propose
 from tci.lab.authoring.sleeves import assumed_skins
+from tci.lab.commissioning.plausibility import doubts
 from tci.lab.experiments.verdict import compare_axes
 from tci.robot.clearance import Clearance
 from tci.robot.description import Robot
@@ -104,6 +107,49 @@ def test_a_robot_with_one_arm_is_told_so(tmp_path: Path) -> None:
     words = faults(path)
     assert "one arm only, at left_shoulder_pitch; valid: a robot with two arms" in words
     assert "legs" not in words
+
+
+@pytest.mark.parametrize("legs", [True, False])
+@pytest.mark.parametrize("chosen", [None, ("left_shoulder_pitch", "right_shoulder_pitch")])
+def test_an_arm_that_is_missing_is_told_in_one_way(
+    legs: bool, chosen: tuple[str, str] | None, tmp_path: Path
+) -> None:
+    """Legs are never offered as arms, and the model is not said to have no arm at all."""
+    path = MadeHumanoid(legs=legs).urdf(tmp_path)
+    root = etree.parse(str(path)).getroot()
+    for joint in [one for one in root.findall("joint") if str(one.get("name")).startswith("right_")]:
+        if str(joint.get("name")).removeprefix("right_") in ARM:
+            child = joint.find("child").get("link")
+            root.remove(joint)
+            root.remove(next(link for link in root.findall("link") if link.get("name") == child))
+    path.write_bytes(etree.tostring(root))
+    words = faults(path, arms=chosen)
+    assert "one arm only, at left_shoulder_pitch; valid: a robot with two arms" in words
+    assert "hip" not in words
+
+
+@pytest.mark.parametrize(("mass", "said"), [("nan", "mass nan kg"), ("inf", "mass inf kg")])
+def test_a_mass_that_is_no_number_is_refused(mass: str, said: str, tmp_path: Path) -> None:
+    assert said in faults(_weighing(tmp_path, mass))
+
+
+def test_masses_that_are_assumed_or_that_no_link_has_are_told(tmp_path: Path) -> None:
+    light = propose(_weighing(tmp_path, "0"), name="made")
+    assert any("assumed mass of 1 g" in note and "left_elbow_link" in note for note in remarks(light))
+    heavy = propose(_weighing(tmp_path, "1e12", link="torso"), name="made")
+    assert any("link torso: mass 1e+12 kg; valid" in doubt for doubt in doubts(heavy))
+    sound = propose(MadeHumanoid().urdf(tmp_path), name="made")
+    assert not [line for line in (*remarks(sound), *doubts(sound)) if "mass" in line]
+
+
+def _weighing(folder: Path, mass: str, *, link: str = "left_elbow_link") -> Path:
+    """A model with another mass of one link."""
+    path = MadeHumanoid().urdf(folder)
+    root = etree.parse(str(path)).getroot()
+    found = [one for one in root.findall("link") if one.get("name") == link]
+    found[0].find("inertial").find("mass").set("value", mass)
+    path.write_bytes(etree.tostring(root))
+    return path
 
 
 def test_a_side_at_the_end_of_a_name_is_read() -> None:

@@ -98,7 +98,8 @@ def find_limbs(model: Model, points: LinkPoints, *, arms: tuple[str, str] | None
         if pairs:
             break
     else:
-        message = (
+        R_RH, joints = seen[0]
+        message = _one_arm(joints, _all_limbs(joints)) or (
             "no mirrored limbs of which three joints form a ball joint and a fourth bends; valid: a humanoid "
             "whose z or y is up, with arms of at least 4 joints"
         )
@@ -163,7 +164,10 @@ def _arms_of(
             if chosen == tuple(joints[pair[side].ball[0]].name for side in ("left", "right"))
         ]
         if not own:
-            message = f"no arms start at the joints {','.join(chosen)}; valid: {listed(joints, pairs)}"
+            others = [pair for pair in pairs if _kind(joints, pair, points, R_RH) != "leg"]
+            valid = f"valid: {listed(joints, others)}" if others else _one_arm(joints, lone)
+            valid = valid or "no limbs of the model bend as two arms do; valid: a robot with two arms"
+            message = f"no arms start at the joints {','.join(chosen)}; {valid}"
             raise DescriptionError(model.path, [Fault(0, message)])
     else:
         votes = [_kind(joints, pair, points, R_RH) for pair in pairs]
@@ -174,12 +178,8 @@ def _arms_of(
             message = (
                 f"{which} may be arms or legs; valid: --arms LEFT,RIGHT with the first joint of each shoulder"
             )
-            single = [joints[limb.ball[0]].name for limb in lone if named_as(joints, {"left": limb}) == "arm"]
-            if not doubtful and not own and single:
-                message = (
-                    f"one arm only, at {', '.join(single)}; valid: a robot with two arms, each the mirror "
-                    "image of the other"
-                )
+            if not doubtful and not own and (lonely := _one_arm(joints, lone)):
+                message = lonely
             elif not doubtful and not own:
                 message = (
                     f"both limbs at {which} are legs, and no others bend as an arm does; valid: arms of "
@@ -188,6 +188,17 @@ def _arms_of(
                 )
             raise DescriptionError(model.path, [Fault(0, message)])
     return {side: _ended(model, joints, side, own[0][side], points, R_RH) for side in ("left", "right")}
+
+
+def _one_arm(joints: Sequence[Joint], lone: Sequence[Limb]) -> str:
+    """The message about limbs without a mirror image that are named as arms; empty if there are none."""
+    single = [joints[limb.ball[0]].name for limb in lone if named_as(joints, {"left": limb}) == "arm"]
+    if not single:
+        return ""
+    return (
+        f"one arm only, at {', '.join(single)}; valid: a robot with two arms, each the mirror image of the "
+        "other"
+    )
 
 
 def _kind(joints: Sequence[Joint], pair: Pair, points: LinkPoints, R_RH: Array) -> Vote:

@@ -21,6 +21,7 @@ from tci.robot.description import GenericPart, Model, Patch, Robot, TruncatedCon
 from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import KinematicChain, bare_model, written
 from tci.robot.mesh_files import NO_MESHES
+from tci.robot.model_file import load_spec
 from tci.skin.surfaces import Surface, build_surface
 
 MIDDLE = {"pitch": (0.0, 1.0, 0.0), "roll": (1.0, 0.0, 0.0), "yaw": (0.0, 0.0, 1.0)}
@@ -45,6 +46,8 @@ PRESSURE = (3e3, 1e7)
 and 10 MPa destroys a skin. A count of a sensor with more than two values must be less than a light touch."""
 FASTEST = 1000.0
 """Largest plausible frame rate [Hz] of a skin. Published arrays have at most 1 kHz."""
+HEAVIEST = 1000.0
+"""Largest plausible mass [kg] of a link. Assumed: three times that of the heaviest humanoids as a whole."""
 BURIED, SLEEVED = 0.012, 0.005
 """The median taxel may lie at most BURIED [m] under the shapes of its link and of adjacent ones, that of a
 sleeve around an arm at most SLEEVED. Assumed: healthy pads and soles reach 9 mm, healthy sleeves 0."""
@@ -59,6 +62,7 @@ def doubts(robot: Robot) -> list[str]:
     found = [*_sensors(robot)]
     if robot.model is None:
         return found
+    found += _masses(robot.model)
     found += _limits(robot)
     found += mirrored_limits(robot)
     found += posture_doubts(robot)
@@ -77,6 +81,12 @@ def doubts(robot: Robot) -> list[str]:
     found += _distances(robot, chain, without=blamed)
     found += _torques(robot)
     return found
+
+
+def _masses(model: Model) -> Iterator[str]:
+    for body in load_spec(model).bodies:
+        if body.explicitinertial and body.mass > HEAVIEST:
+            yield f"link {body.name}: mass {body.mass:.3g} kg; valid: at most {HEAVIEST:g} kg, in kg"
 
 
 def _sensors(robot: Robot) -> Iterator[str]:

@@ -1,6 +1,6 @@
 """Tries `tci` on the thirty public models of `strangers.toml`, a list fixed before any of them was read.
 
-    python tools/strangers.py DIR [NAME]... [--quick]
+    python tools/strangers.py DIR [NAME]... [--quick | --table]
 
 DIR holds the models, outside the repository: DIR/OWNER+NAME is a checkout of each GitHub repository of the
 list, and what is on PyPI is downloaded to DIR/pypi. Each model goes through new-robot, check,
@@ -8,7 +8,8 @@ check --simulate and the five lines of the README. Then the description is compa
 written by hand, and with MuJoCo (MJCF) or Pinocchio (URDF) on the untouched file: poses of the arms'
 links (0.01 degrees, 0.1 mm), limits, masses (0.1 %). If new-robot refuses a model and names an option, the
 option is tried with the value of the list; that is one more line in the result. --quick leaves out what is
-simulated: check --simulate and the five lines. Results stay in OUT/strangers/NAME.json.
+simulated: check --simulate and the five lines. Results stay in OUT/strangers/NAME.json;
+--table makes docs/tables/strangers.md of all of them.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pinocchio
-from report import ROOT, commit, out
+from report import ROOT, TABLES, commit, markdown, out
 
 from tci.messages.frames import Array
 from tci.robot.description import Robot
@@ -238,21 +239,22 @@ def try_one(line: dict[str, Any], folder: Path, *, quick: bool) -> dict[str, Any
         result["told"] = told
         robot = read_robot(target)
         result["wrong"] = list(differences(line, robot, file))
-        result["simulated"], result["five_lines"], result["ran"] = {"faults": []}, "", True
+        result["simulated"], result["five_lines"], result["ran"] = None, "", None
         commands = [("check", ["check"]), ("simulated", ["check", "--simulate"])]
         for name, words in commands[: 1 if quick else 2]:
             checked, error = _tci(*words, str(target))
             faults = [error] if checked is None else checked["faults"]
-            if checked and name == "simulated":
-                faults = [*faults, *checked["simulated"]["faults"]]
             result[name] = {"faults": faults, "doubts": [] if checked is None else checked["doubts"]}
         if not quick:
             result["five_lines"], result["ran"] = _five_lines(robot, target)
-    result["whole"] = told is not None and not (
-        result["wrong"] or result["check"]["faults"] or result["simulated"]["faults"]
-    ) and result["ran"]  # fmt: skip
+    result["whole"] = told is not None and not _faults(result) and result["ran"] is not False
     result["seconds"] = round(time.perf_counter() - begin, 1)
     return result
+
+
+def _faults(result: dict[str, Any]) -> list[str]:
+    """What a description that new-robot wrote lacks; the simulated check repeats the faults of the other."""
+    return [*result["wrong"], *(result["simulated"] or result["check"])["faults"]]
 
 
 def _five_lines(robot: Robot, target: Path) -> tuple[str, bool]:
@@ -290,13 +292,17 @@ def main() -> None:
     parser.add_argument("folder", type=Path, metavar="DIR")
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--table", action="store_true")
     asked = parser.parse_args()
-    lines = tomllib.loads(LIST.read_text())["model"]
-    lines = [line for line in lines if not asked.names or line["name"] in asked.names]
-    folder = asked.folder.resolve()
-    fetch_pypi(lines, folder)
-    target = out() / "strangers"
+    every = tomllib.loads(LIST.read_text())["model"]
+    lines = [line for line in every if not asked.names or line["name"] in asked.names]
+    folder, target = asked.folder.resolve(), out() / "strangers"
     target.mkdir(exist_ok=True)
+    if asked.table:
+        stored = {file.stem: json.loads(file.read_text()) for file in target.glob("*.json")}
+        table(every, stored)
+        return
+    fetch_pypi(lines, folder)
     results = []
     for line in lines:
         result = try_one(line, folder, quick=asked.quick)
@@ -312,8 +318,35 @@ def _what(result: dict[str, Any]) -> str:
         return f"not there: {result['missing']}"
     if "told" not in result:
         return f"refused: {result['refusals'][-1]}"
-    faults = [*result["wrong"], *result["check"]["faults"], *result["simulated"]["faults"]]
-    return "; ".join(faults if result["ran"] else [*faults, f"five lines: {result['five_lines']}"])
+    faults = _faults(result)
+    return "; ".join([*faults, f"five lines: {result['five_lines']}"] if result["ran"] is False else faults)
+
+
+def table(lines: Sequence[dict[str, Any]], results: dict[str, dict[str, Any]]) -> None:
+    """Writes docs/tables/strangers.md from the stored results."""
+    rows, whole, simulated = [], 0, 0
+    for line in lines:
+        result = results.get(line["name"], {})
+        options = " ".join(result.get("options", ()))
+        what = "agrees" if result.get("whole") else f"**{_what(result)}**" if result else "not tried"
+        proved = "not tried" if not result.get("simulated") else _short(result["simulated"]["faults"])
+        ran = {None: "not tried", True: "moved", False: "**no**"}[result.get("ran")]
+        kind = "URDF" if line["file"].lower().endswith("urdf") else "MJCF"
+        rows.append((line["name"], line["maker"], kind, line["source"], options or "none", what, proved, ran))
+        whole += bool(result.get("whole"))
+        simulated += bool(result.get("whole") and result["ran"])
+    head = ("name", "maker", "model", "source", "options", "proposed", "check --simulate", "five lines")
+    commits = ", ".join(sorted({one["commit"] for one in results.values()}))
+    words = (
+        f"{whole} of {len(lines)} proposals agree with the list and with the untouched file, and pass "
+        f"`check`; {simulated} of these were also simulated, with `check --simulate` and the five lines."
+    )
+    made = f"Made by `python tools/strangers.py DIR` at {commits} with MuJoCo {mujoco.__version__}."
+    (TABLES / "strangers.md").write_text(f"{words}\n\n{markdown(head, rows)}\n{made}\n")
+
+
+def _short(faults: Sequence[str]) -> str:
+    return f"{len(faults)} faults: {faults[0].split(';')[0]}" if faults else "proved"
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@ contain."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -115,6 +116,30 @@ def test_a_motion_before_the_touch_is_found_out() -> None:
         faults.append(trial_faults(robot, trial))
     assert not faults[0]
     assert any("first motion after -" in fault for fault in faults[1])
+
+
+def test_a_late_first_motion_names_what_took_the_time() -> None:
+    """The same 60 ms: of joints that start slowly, and of a skin that feels the touch late."""
+    robot, site = load_robot("nao"), WithdrawalReflex().fields[0]
+    limits = [
+        one.limits.model_copy(
+            update={"acceleration": 0.05 * one.limits.acceleration, "jerk": 0.01 * one.limits.jerk}
+        )
+        for one in robot.servos
+    ]
+    servos = [one.model_copy(update={"limits": own}) for one, own in zip(robot.servos, limits, strict=True)]
+    slow = robot.model_copy(update={"servos": tuple(servos), "digest": "slow"})
+    world, traces = World(slow), []
+    for reflex in (WithdrawalReflex(fields=()), WithdrawalReflex()):
+        traces.append(poke(world, "left_arm", site, Stimulus(), reflex=reflex, seed=0))
+    trial = measure(slow, "left_arm", site.name, traces[1], traces[0])
+    assert trial.trigger_ms, trial_faults(slow, trial)
+    said = next(fault for fault in trial_faults(slow, trial) if "first motion after" in fault)
+    assert "the joints start slowly" in said
+    assert trial.first_motion_ms is not None
+    late = replace(trial, trigger_ms=trial.first_motion_ms - 10.0)
+    said = next(fault for fault in trial_faults(slow, late) if "first motion after" in fault)
+    assert "the skin feels late" in said
 
 
 def test_faster_skin_elsewhere_does_not_shift_the_centre_of_pressure() -> None:

@@ -38,6 +38,9 @@ time."""
 FARTHER = 5.0
 """Least distance [mm] by which the skin is farther away than without the reflex: half the depth of the usual
 poke. Where an arm moves little, near its shoulder, the finger goes less deep, and half of that counts."""
+PROMPT = 5.0
+"""Time [ms] beside one frame of the skin within which a touch counts as felt at once. Assumed: gate and
+estimate need less."""
 LATE = 0.2
 """Time [s] after a touch in which its last frame arrives. Assumed: several frames of any skin."""
 ON_TAXELS = 0.2
@@ -182,6 +185,22 @@ def _skin(robot: Robot, *, answered: bool) -> Literal["described", "assumed", "n
     return "assumed" if any(patch.assumed for patch in robot.patches) else "described"
 
 
+def _why(trial: Trial, rate: float) -> str:
+    """What took a late first motion its time: to feel the touch, or to start. `rate` [Hz] is the skin's."""
+    felt, moved = trial.trigger_ms, trial.first_motion_ms
+    if felt is None or moved is None:
+        return ""
+    if felt > 1e3 / rate + PROMPT:
+        return (
+            f". Its first command came after {felt:g} ms: the skin feels late, as taxels beside the shapes "
+            "of their link or with too little pressure for a count do"
+        )
+    return (
+        f". From the first command to the motion it took {moved - felt:g} ms: the joints start slowly, as "
+        "those with low limits of acceleration or torque do"
+    )
+
+
 def trial_faults(robot: Robot, trial: Trial) -> list[str]:
     """One sentence for each criterion of the demo that the poke `trial` does not meet. Where touches are felt
     through joints, nobody promises that a poke is felt, how soon and where: only limits count there."""
@@ -191,11 +210,10 @@ def trial_faults(robot: Robot, trial: Trial) -> list[str]:
     slowest = SLOWEST.get(rate, 23.0 + 1e3 / rate)
     never = float("inf")
     farther = min(FARTHER, 0.5 * trial.depth_mm)
+    late = f"first motion after {trial.first_motion_ms} ms; valid: above 0, at most {slowest:g}"
     checks = {
         "the reflex did not move the skin away, or moved another part too": trial.responded,
-        f"first motion after {trial.first_motion_ms} ms; valid: above 0, at most {slowest:g}": (
-            0.0 < (trial.first_motion_ms or never) <= slowest
-        ),
+        f"{late}{_why(trial, rate)}": (0.0 < (trial.first_motion_ms or never) <= slowest),
         f"contact lost after {trial.contact_lost_ms} ms; valid: at most 1000": (
             (trial.contact_lost_ms or never) <= 1000.0
         ),

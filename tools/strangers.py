@@ -167,13 +167,11 @@ def differences(line: dict[str, Any], robot: Robot, file: Path) -> Iterator[str]
 def _limits(servo: Any, limits: tuple[float, float, float, float]) -> Iterator[str]:
     low, high, torque, speed = limits
     ours, assumed = servo.limits, servo.limits.assumed
-    for name, mine, theirs in (("lower", ours.lower, low), ("upper", ours.upper, high)):
-        if (
-            np.isfinite(theirs)
-            and mine is not None
-            and "position" not in assumed
-            and abs(mine - theirs) > LIMIT
-        ):
+    for name, mine, theirs, wider in (("lower", ours.lower, low, -1.0), ("upper", ours.upper, high, 1.0)):
+        if mine is None or not np.isfinite(theirs):
+            continue
+        told = name in assumed and (mine - theirs) * wider < 0.0  # narrower, and new-robot says so
+        if abs(mine - theirs) > LIMIT and not told:
             yield f"{servo.joint}: {name} limit {mine:.4f}; of the file {theirs:.4f}"
     for name, mine, theirs in (("torque", ours.torque, torque), ("velocity", ours.velocity, speed)):
         known = np.isfinite(theirs) and mine is not None and name not in assumed

@@ -236,8 +236,12 @@ def _read_urdf(model: Model) -> mujoco.MjSpec:
             elif (name := mesh.get("filename")) and (file := meshes.find(str(name))) is not None:
                 mesh.set("filename", meshes.readable(file, converted))
         if left_out:
-            shape.getparent().remove(shape)
+            _cut(shape)
     meshes.check()
+    for element in root.iter("origin", "axis"):
+        for name in ("xyz", "rpy"):
+            if "," in element.get(name, ""):  # readers of ROS take it for a blank, MuJoCo refuses it
+                element.set(name, element.get(name, "").replace(",", " "))
     for extension in root.findall("mujoco"):
         root.remove(extension)
     extension = etree.SubElement(root, "mujoco")
@@ -252,6 +256,16 @@ def _read_urdf(model: Model) -> mujoco.MjSpec:
     # Comments and the lines before the root are kept, so that lines in messages are those of the file.
     text = lines + str(etree.tostring(root, encoding="unicode"))
     return mujoco.MjSpec.from_string(text, assets=converted)
+
+
+def _cut(shape: etree._Element) -> None:
+    """Removes an element, but not its lines: those in messages are the file's."""
+    gap, parent, before = "\n" * etree.tostring(shape).count(b"\n"), shape.getparent(), shape.getprevious()
+    if before is None:
+        parent.text = f"{parent.text or ''}{gap}"
+    else:
+        before.tail = f"{before.tail or ''}{gap}"
+    parent.remove(shape)
 
 
 def _is_point(shape: etree._Element) -> bool:

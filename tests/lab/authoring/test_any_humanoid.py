@@ -393,6 +393,19 @@ def test_a_fault_of_a_urdf_names_its_line(tmp_path: Path) -> None:
     path.write_text(text)
     line = next(number for number, words in enumerate(text.split("\n"), 1) if "'up'" in words)
     assert f"line {line}" in faults(path)
+    shape = "<link name='pelvis'>\n<visual>\n<geometry><sphere radius='0.1'/></geometry>\n</visual>"
+    text = text.replace("<link name='pelvis'>", shape, 1)
+    path.write_text(text)
+    assert f"line {line + 3}" in faults(path, meshes="none"), "shapes that are left out keep their lines"
+
+
+def test_a_comma_between_numbers_is_read_as_ros_reads_it(tmp_path: Path) -> None:
+    path = MadeHumanoid().urdf(tmp_path)
+    plain = propose(path, name="made")
+    text = path.read_text()
+    path.write_text(re.sub(r"xyz='(\S+) (\S+) (\S+)'", r"xyz='\1, \2 \3'", text))
+    assert path.read_text() != text
+    assert propose(path, name="made").parts == plain.parts
 
 
 def test_arms_without_shapes_get_skin_from_their_lengths_and_a_note(tmp_path: Path) -> None:

@@ -201,8 +201,8 @@ class WarpWorlds(Worlds):
         if any(which):
             due = self._due[which]
             wp.launch(kernels.clear, dim=self._forces.shape, inputs=[due, self._owner, self._forces])
-            wp.launch(
-                kernels.feel, dim=(count, len(self._rates), SLOTS),
+            wp.launch_tiled(
+                kernels.feel, dim=(count, len(self._rates), SLOTS), block_dim=kernels.LANES,
                 inputs=[
                     due, self._patches, data.sensordata, data.xpos, data.xmat, self._positions, self._normals,
                     self._forces, self._full,

@@ -16,15 +16,18 @@ from tci.simulation.sampling import NUMBERS as _NUMBERS
 from tci.simulation.sampling import SIDE as _SIDE
 from tci.simulation.sampling import SLOTS as _SLOTS
 
+wp.set_module_options({"enable_backward": False})
 _f = formulas.made_with(wp.func)
 side_of, rise_of, hold_of, fall_of = _f.side_of, _f.rise_of, _f.hold_of, _f.fall_of
 is_eased, ease_of, speed_of, over_peak = _f.is_eased, _f.ease_of, _f.speed_of, _f.over_peak
-Sums = wp.types.vector(length=7, dtype=wp.float32)
+Sums = wp.types.vector(length=8, dtype=wp.float32)
 REACH, SIDE = wp.constant(_REACH), wp.constant(_SIDE)
 SLOTS, NUMBERS, PIECES = wp.constant(_SLOTS), wp.constant(_NUMBERS), wp.constant(_PIECES)
 AT_FORCE, AT_POSITION, AT_NORMAL = wp.constant(FORCE), wp.constant(POSITION), wp.constant(NORMAL)
 SOFTNESS, TOLERANCE = wp.constant(0.02), wp.constant(1e-4)
 STEPS = wp.constant(30)
+LANES = 32
+"""Threads that share the taxels around one contact: a warp of the GPU."""
 SLACK = wp.constant(4e-6)
 """Share of its value by which the function may grow in a search: about its rounding in single precision,
 below which no step would ever be accepted."""
@@ -234,6 +237,7 @@ def count(number: wp.array(dtype=int)):
 
 @wp.func
 def weigh(
+    lane: int,
     positions: wp.array(dtype=wp.vec3),
     begin: int,
     end: int,
@@ -246,28 +250,32 @@ def weigh(
     u: float,
     v: float,
 ) -> Sums:
-    """`kernel._weigh`: six sums over the taxels, and the value that the best u and v minimise."""
-    top = float(-1e30)
-    for k in range(begin, end):
+    """`kernel._weigh`: six sums over the taxels, the value that the best u and v minimise, and the largest
+    logarithm. All lanes of a block share the taxels, and get the same result."""
+    own = float(-1e30)
+    for k in range(begin + lane, end, wp.block_dim()):
         d = positions[k] - point
         s = wp.dot(d, d) * scale
         if s <= furthest:
-            top = wp.max(top, -0.5 * (s - least) + wp.dot(d, a) * u + wp.dot(d, b) * v)
-    sums = Sums()
-    for k in range(begin, end):
+            own = wp.max(own, -0.5 * (s - least) + wp.dot(d, a) * u + wp.dot(d, b) * v)
+    top = wp.tile_reduce(wp.max, wp.tile(own))[0]
+    part = Sums()
+    for k in range(begin + lane, end, wp.block_dim()):
         d = positions[k] - point
         s = wp.dot(d, d) * scale
         if s <= furthest:
             x = wp.dot(d, a)
             y = wp.dot(d, b)
             w = wp.exp(-0.5 * (s - least) + x * u + y * v - top)
-            sums[0] += w
-            sums[1] += w * x
-            sums[2] += w * y
-            sums[3] += w * x * x
-            sums[4] += w * x * y
-            sums[5] += w * y * y
+            part[0] += w
+            part[1] += w * x
+            part[2] += w * y
+            part[3] += w * x * x
+            part[4] += w * x * y
+            part[5] += w * y * y
+    sums = wp.tile_reduce(wp.add, wp.tile(part, preserve_type=True))[0]
     sums[6] = top + wp.log(sums[0]) + 0.5 * SOFTNESS * (u * u + v * v)
+    sums[7] = top
     return sums
 
 
@@ -291,8 +299,9 @@ def feel(
     force: wp.array2d(dtype=float),
     full: wp.array(dtype=int),
 ):
-    """`sampling.press` for one contact of one patch of one world: adds its force [N] to the taxels."""
-    w, p, slot = wp.tid()
+    """`sampling.press` for one contact of one patch of one world: adds its force [N] to the taxels, which
+    the lanes of a block share."""
+    w, p, slot, lane = wp.tid()
     one = patches[p]
     found = int(sensors[w, one.sensor])
     if due[p] == 0 or slot >= found:
@@ -308,10 +317,11 @@ def feel(
     i = at + AT_NORMAL
     m = R * wp.vec3(sensors[w, i], sensors[w, i + 1], sensors[w, i + 2])
     scale = 1.0 / (one.width * one.width)
-    least = float(1e30)
-    for k in range(one.begin, one.end):
+    own = float(1e30)
+    for k in range(one.begin + lane, one.end, wp.block_dim()):
         d = positions[k] - point
-        least = wp.min(least, wp.dot(d, d) * scale)
+        own = wp.min(own, wp.dot(d, d) * scale)
+    least = wp.tile_reduce(wp.min, wp.tile(own))[0]
     furthest = (wp.sqrt(least) + REACH) * (wp.sqrt(least) + REACH)
     x = wp.abs(m[0])
     y = wp.abs(m[1])
@@ -325,7 +335,7 @@ def feel(
     b = wp.cross(m, a)
     u = float(0.0)
     v = float(0.0)
-    s = weigh(positions, one.begin, one.end, point, a, b, scale, least, furthest, u, v)
+    s = weigh(lane, positions, one.begin, one.end, point, a, b, scale, least, furthest, u, v)
     searching = int(1)
     n = int(0)
     while searching == 1 and n < STEPS:
@@ -349,7 +359,7 @@ def feel(
             trial = Sums()
             while size > 1e-6 and better == 0:
                 trial = weigh(
-                    positions, one.begin, one.end, point, a, b, scale, least, furthest, u + size * du,
+                    lane, positions, one.begin, one.end, point, a, b, scale, least, furthest, u + size * du,
                     v + size * dv,
                 )  # fmt: skip
                 if trial[6] <= s[6] + 1e-4 * size * slope + SLACK * (1.0 + wp.abs(s[6])):
@@ -362,27 +372,22 @@ def feel(
                 u = u + size * du
                 v = v + size * dv
                 s = trial
-    # The sums do not keep the shares; so once more, first for the direction of the skin there.
-    top = float(-1e30)
-    for k in range(one.begin, one.end):
+    # How directly the skin there faces the contact.
+    facing = float(0.0)
+    for k in range(one.begin + lane, one.end, wp.block_dim()):
         d = positions[k] - point
         q = wp.dot(d, d) * scale
         if q <= furthest:
-            top = wp.max(top, -0.5 * (q - least) + wp.dot(d, a) * u + wp.dot(d, b) * v)
-    cosine = float(0.0)
-    for k in range(one.begin, one.end):
-        d = positions[k] - point
-        q = wp.dot(d, d) * scale
-        if q <= furthest:
-            share = wp.exp(-0.5 * (q - least) + wp.dot(d, a) * u + wp.dot(d, b) * v - top) / s[0]
-            cosine = cosine + share * wp.dot(normals[k], m)
+            share = wp.exp(-0.5 * (q - least) + wp.dot(d, a) * u + wp.dot(d, b) * v - s[7]) / s[0]
+            facing = facing + share * wp.dot(normals[k], m)
+    cosine = wp.tile_reduce(wp.add, wp.tile(facing))[0]
     if cosine < SIDE:
         return
-    for k in range(one.begin, one.end):
+    for k in range(one.begin + lane, one.end, wp.block_dim()):
         d = positions[k] - point
         q = wp.dot(d, d) * scale
         if q <= furthest:
-            share = wp.exp(-0.5 * (q - least) + wp.dot(d, a) * u + wp.dot(d, b) * v - top) / s[0]
+            share = wp.exp(-0.5 * (q - least) + wp.dot(d, a) * u + wp.dot(d, b) * v - s[7]) / s[0]
             wp.atomic_add(force, w, k, pressing * share)
 
 

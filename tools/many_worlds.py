@@ -1,6 +1,7 @@
 """How many steps of 20 ms a second many touched worlds make, with skin and without: a table, or JSON.
 
     python tools/many_worlds.py icub --engine warp --worlds 1024 4096 --json out.json
+    python tools/many_worlds.py icub --plot docs/tables/many-worlds.json docs/images/many-worlds.png
 
 Every world is poked at another place, and gets new targets for all servos in every step, as a policy would
 send them. "bare": neither taxels nor contact sensors, in the same scene; "sensors": contact sensors of
@@ -104,7 +105,11 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=25, help="in a block")
     parser.add_argument("--blocks", type=int, default=5)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--plot", type=Path, nargs=2, help="draw a file of --json as a picture")
     args = parser.parse_args()
+    if args.plot:
+        plot(*args.plot)
+        return
     rows = []
     for step in args.step:
         scene = batch_scene(args.robot, step=step)
@@ -124,6 +129,29 @@ def main() -> None:
                 )
                 if args.json:
                     args.json.write_text(json.dumps(rows, indent=1))
+
+
+def plot(measured: Path, picture: Path) -> None:
+    """Draws steps a second over worlds, with skin and without."""
+    import matplotlib.pyplot as plt
+
+    rows = json.loads(measured.read_text())
+    figure, axes = plt.subplots(figsize=(7.0, 4.2), layout="constrained")
+    kinds = dict.fromkeys((row["device"], row["step"]) for row in rows)
+    for colour, (device, step) in enumerate(kinds):
+        for mode, line in (("skin", "o-"), ("bare", "o:")):
+            own = [r for r in rows if (r["device"], r["step"], r["mode"]) == (device, step, mode)]
+            own.sort(key=lambda row: row["worlds"])
+            name = f"{own[0]['taxels']} taxels" if mode == "skin" else "without skin"
+            axes.loglog(
+                [r["worlds"] for r in own], [r["steps_per_second"] for r in own], line, color=f"C{colour}",
+                label=f"{device}, {step * 1e3:g} ms, {name}",
+            )  # fmt: skip
+    axes.set_xlabel("worlds")
+    axes.set_ylabel("steps of 20 ms per second")
+    axes.grid(alpha=0.3, which="both")
+    axes.legend(fontsize=8)
+    figure.savefig(picture, dpi=110)
 
 
 def device_name(args: argparse.Namespace) -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from tci.support.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from tci.batch.answers import Answers as Answers
     from tci.batch.cpu import MujocoWorlds as MujocoWorlds
     from tci.batch.make import make_worlds as make_worlds
     from tci.batch.scene import BatchScene as BatchScene

@@ -7,20 +7,22 @@ from typing import Any
 
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tci.batch import loops
 from tci.batch.limiter import BatchLimiter
 from tci.batch.scene import BatchScene
 from tci.batch.worlds import Ids, Worlds
 from tci.errors import CommandError, TciError
+from tci.messages import JointReading, Perception
 from tci.messages.contacts import CONTACT, TAXEL, Contacts
 from tci.messages.frames import Array, frozen
 from tci.simulation.finger import DAMPING, STIFFNESS
 from tci.simulation.finger import PARKED as FINGER_PARKED
 from tci.simulation.stepping import POKE
-from tci.skin.kernels.arrays import Clusters
+from tci.skin.kernels.arrays import Clusters, ContactArrays
 from tci.skin.kernels.contacts import SUMMARY
+from tci.skin.tracking import Tracker
 from tci.support.engine import mujoco
 
 MOST = 16
@@ -81,6 +83,8 @@ class MujocoWorlds(Worlds):
         )  # fmt: skip
         self._limits = scene.body.settings.contacts.limits
         self._skin = skin
+        self._then = self._qpos.copy(), self._qvel.copy()
+        self._trackers: list[Tracker] = []
         self.frames = 0
         """Frames of skin so far, of whichever patches."""
         self.reset()
@@ -98,6 +102,8 @@ class MujocoWorlds(Worlds):
         for one in self._felt:
             one[ids] = 0
         self._found[3][ids] = 0
+        for w in ids.tolist() if self._trackers else ():
+            self._trackers[w] = Tracker()
         if worlds is None:
             self.steps = 0
             self._rows["count"], self._rows["due"] = -1, 0
@@ -116,21 +122,22 @@ class MujocoWorlds(Worlds):
         last = self.steps + math.ceil(duration / self.scene.step - 1e-6)
         while self.steps < last:
             number, time = self.steps, self.steps * self.scene.step
-            if number % self._every == 0:
+            if number % self._every == self.phase:
                 sent = self._limiter.step(self._wanted)
                 loops.aim(sent, self.scene.world.servos.top, float(self._every), self._drives, self._asked)
             loops.prepare(time, self._qpos, self._ctrl, self._drives, self._asked, self._pokes)
             due = self._skin and number >= self._rows["due"].min(initial=number + 1)
-            before = self._qpos.copy() if due else self._qpos
+            if due:
+                self._then = self._qpos.copy(), self._qvel.copy()
             self.batch.step()
             loops.note(time, self._sensors, self._pokes, self._row)
             self.steps = number + 1
             if due:
-                self._feel(number, before)
+                self._feel(number)
 
-    def _feel(self, number: int, qpos: Array) -> None:
+    def _feel(self, number: int) -> None:
         """Takes the frames that are due at the beginning of a step, which is over now; the joints were at
-        `qpos` then."""
+        `_then`."""
         layout, estimates = self.scene.body.layout.arrays, self.scene.estimates
         full = loops.feel(number, self._skins, layout, estimates, self._felt)
         if full > 0:
@@ -139,7 +146,7 @@ class MujocoWorlds(Worlds):
         touched = np.flatnonzero(self._numbers.any(axis=1))
         posture = np.zeros((self.count, max(len(self.scene.body.layout.parts), 1), 4))
         if len(touched):
-            angles = self._servo_angles(qpos[touched], self._asked["target"][touched])
+            angles = self._servo_angles(self._then[0][touched], self._asked["target"][touched])
             for row, part in enumerate(self.scene.body.layout.parts):
                 one = self.scene.body.joint_maps[part]
                 posture[touched, row] = [one.to_generic(position)[:4] for position in angles]
@@ -149,6 +156,36 @@ class MujocoWorlds(Worlds):
         )  # fmt: skip
         if full:
             raise TciError(f"world {full - 1}: more than {MOST} contacts at once")
+
+        for w in np.flatnonzero(self._found[3]).tolist() if self._trackers else ():
+            rows, begin, taxels = self._contacts_of(w)
+            self._trackers[w].follow(ContactArrays(rows, begin, taxels), self._stamps())
+
+    def track(self) -> None:
+        """From now on contacts have identities, which takes time in Python."""
+        self._trackers = [Tracker() for _ in range(self.count)]
+
+    def perceive(self, world: int) -> Perception:
+        """What a perceiver would say of one world at the time of the latest frame."""
+        qpos, qvel = (one[world : world + 1] for one in self._then)
+        drives, time = self.scene.world.servos.drives[::-1], float(self._stamps().max(initial=0.0))
+        velocity = np.zeros(self._wanted.shape[1])
+        velocity[drives["servo"]] = qvel[0, drives["dof"]] / drives["ratio"]
+        angles = self._servo_angles(qpos, self._asked["target"][world : world + 1])[0]
+        joints = JointReading(time, self.frames, frozen(angles), frozen(velocity))
+        return Perception(time, self.scene.body.posture(joints), self.contacts(world), joints=joints)
+
+    def _stamps(self) -> Array:
+        """Times (p,) [s] of the latest frames."""
+        stamps: Array = self._rows["taken"] * self.scene.step
+        return stamps
+
+    def _contacts_of(self, world: int) -> tuple[Any, Any, Any]:
+        """Views of rows, beginnings and taxels of the contacts of one world."""
+        rows, begin, taxels, counts = self._found
+        count = int(counts[world])
+        kept = begin[world, : count + 1] if count else np.zeros(1, np.int64)
+        return rows[world, :count], kept, taxels[world, : kept[-1]]
 
     def send(self, targets: ArrayLike) -> None:
         given = np.asarray(targets, dtype=float)
@@ -176,22 +213,21 @@ class MujocoWorlds(Worlds):
         return self._force
 
     @property
+    def touched(self) -> NDArray[np.bool_]:
+        """True (N,) for each world with a contact in its latest frames."""
+        return self._found[3] > 0
+
+    @property
     def finger_force(self) -> Array:
         """Contact force (N,) [N] on the tip of each finger in the latest step."""
         force: Array = self._pokes["force"]
         return force
 
     def contacts(self, world: int) -> Contacts:
-        """Contacts of one world in its latest frames, as a perceiver finds them; without identities."""
-        rows, begin, taxels, counts = self._found
-        count = int(counts[world])
-        kept = begin[world, : count + 1].copy() if count else np.zeros(1, np.int64)
-        stamps = frozen(self._rows["taken"] * self.scene.step)
+        """Contacts of one world in its latest frames, as a perceiver finds them; identified after `track`."""
+        rows, begin, taxels = (one.copy() for one in self._contacts_of(world))
         sequence = frozen(self._rows["count"].copy())
-        return Contacts(
-            self.scene.body.layout.sites, stamps, sequence, rows[world, :count].copy(), kept,
-            taxels[world, : kept[-1]].copy(),
-        )  # fmt: skip
+        return Contacts(self.scene.body.layout.sites, frozen(self._stamps()), sequence, rows, begin, taxels)
 
     def _link_poses(self, bodies: Ids, worlds: Ids) -> tuple[Array, Array]:
         self.batch.forward(worlds, stage=int(mujoco.mjtStage.mjSTAGE_POS))

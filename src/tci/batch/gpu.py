@@ -159,7 +159,7 @@ class WarpWorlds(Worlds):
             # As in `loops.feel`: the frame after the latest one is due from this step on.
             due[:] = self.steps >= np.ceil((self._taken + 1) / self._rates - 1e-6)
             self._taken += due
-        key = self.steps % self._every == 0, due.tobytes()
+        key = self.steps % self._every == self.phase, due.tobytes()
         if key[1] not in self._due:
             self._due[key[1]] = wp.array(due, dtype=int)
         if not self.device.is_cuda:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, get_args
+from typing import Any, Literal, get_args, overload
 
 from tci.batch.cpu import MujocoWorlds
 from tci.batch.scene import batch_scene
@@ -11,6 +11,28 @@ from tci.errors import UnknownNameError
 from tci.robot.like import RobotLike
 
 
+@overload
+def make_worlds(
+    robot: RobotLike,
+    count: int,
+    *,
+    engine: Literal["mujoco"] = "mujoco",
+    threads: int = 0,
+    device: str | None = None,
+    skin: bool = True,
+    **world: Any,
+) -> MujocoWorlds: ...
+@overload
+def make_worlds(
+    robot: RobotLike,
+    count: int,
+    *,
+    engine: Engine,
+    threads: int = 0,
+    device: str | None = None,
+    skin: bool = True,
+    **world: Any,
+) -> Worlds: ...
 def make_worlds(
     robot: RobotLike,
     count: int,

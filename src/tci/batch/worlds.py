@@ -32,7 +32,7 @@ class Worlds(ABC):
         """Steps of the physics since the start."""
         self.phase = min(1, int(scene.world.servos.ramp_steps) - 1)
         """Set-points move on this many steps after the beginning of each control period: a frame that is
-        taken at its beginning is there then, so a target can answer it, and is not yet moved by the target."""
+        taken at its beginning is there then, so a target can answer it, and does not yet show the target."""
         starts = scene.body.layout.starts
         self.places: dict[str, slice] = {
             name: slice(int(starts[p]), int(starts[p + 1])) for name, p in scene.body.layout.places.items()

@@ -13,6 +13,8 @@ from tci.support.lazy import lazy_names
 if TYPE_CHECKING:
     from tci.batch.answers import Answers as Answers
     from tci.batch.cpu import MujocoWorlds as MujocoWorlds
+    from tci.batch.imperfect import Imperfections as Imperfections
+    from tci.batch.imperfect import ImperfectSkin as ImperfectSkin
     from tci.batch.make import make_worlds as make_worlds
     from tci.batch.scene import BatchScene as BatchScene
     from tci.batch.scene import batch_scene as batch_scene

@@ -8,6 +8,7 @@ commands; plant and forces are those of `rigid_robot`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 import mujoco
@@ -16,11 +17,15 @@ import numpy as np
 import tci
 from helpers.gentled import _angles, _skin
 from helpers.rigid_robot import AWAY, ROBOT, STEP, Person, RigidDriver, RigidRobot
-from tci.messages.frames import Array
-from tci.robot.joint_map import joint_map
+from tci.gestures import Gesture, fit
+from tci.messages import JointReading
+from tci.messages.frames import Array, read_only
+from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import KinematicChain
 from tci.runtime.loop import run
 from tci.skin.skin import Skin
+from tci.testing import TouchedRobot
+from tci.touches.person import Person as Toucher
 
 SPEED = 0.2
 """Speed [m/s] at which people guide."""
@@ -222,6 +227,8 @@ class Outcome:
     taught: tuple[Array, Array]
     repeated: tuple[Array, Array]
     """Times [s] since their begin, and generic angles (k, n) [rad]."""
+    gesture: Gesture | None
+    """What it was taught, for any robot; None if it was not tapped."""
 
 
 def guide(
@@ -285,11 +292,13 @@ def guide(
     taught = [(t, a) for t, a in path if hand.first <= t <= hand.first + hand.lasts + 0.1]
     later = [(t, a) for t, a in path if tap.times and t > tap.times[0] + 0.3]
     off, led, repeated = _off(taught, later)
+    motion = getattr(result.memory, "motion", None)
+    gesture = None if motion is None else motion.gesture(tci.GenericBody(robot))
     return Outcome(
         name, patch, rate, pad, min(until, hand.lasts) - MEASURED, float(np.median(measured)),
         float(np.percentile(measured, 95)), float((measured > 0.1).mean()),
         float(forces[(times >= 0.0) & (times <= until)].max()), tap.felt, off, result.state.name,
-        ended[0][1] if ended else "", (times, forces), led, repeated,
+        ended[0][1] if ended else "", (times, forces), led, repeated, gesture,
     )  # fmt: skip
 
 
@@ -326,6 +335,50 @@ def _can_go(plant: GuidedRobot, part: str, hand: Guide) -> bool:
     speeds = np.abs(push) * hand.speed / max(float(push @ push), 1e-9)
     most = np.array([robot.servos[k].limits.velocity or np.inf for k in joints.servos])
     return bool((speeds < 0.6 * most).all()) and float(np.linalg.norm(push)) >= LEAST
+
+
+def ends_with_a_tap(name: str, number: int) -> bool:
+    """A drawn person holds the left arm, then taps the right one, without physics: true if that, and nothing
+    before, ends the lesson."""
+    robot, teach = TouchedRobot(name), tci.Teach()
+    persons = {"p": Toucher.drawn(f"teacher {number}", seed=7)}
+    touches = ["hold 'left forearm' 3N 1.5s @0.3s by p", "tap 'right forearm' @2.8s by p"]
+    memory = teach.init(robot.body)
+    waits = (robot.perceive() for _ in range(40))
+    for seen in chain(robot.feel(touches, persons=persons, seed=number), waits):
+        _, memory = teach.step(memory, seen, robot.body)
+        if memory.motion is not None:
+            return seen.stamp > 2.8
+    return False
+
+
+def hands_apart(gesture: Gesture, one: str, other: str) -> float:
+    """Largest angle [deg] between the directions from the shoulder to the hand of two robots that play a
+    gesture, at the same moments of it."""
+    first, second = (_directions(gesture, name) for name in (one, other))
+    return max(
+        float(np.degrees(np.arccos(np.clip((first[part] * second[part]).sum(axis=1), -1.0, 1.0)).max()))
+        for part in gesture.postures
+    )
+
+
+def _directions(gesture: Gesture, name: str) -> dict[str, Array]:
+    """Unit vectors (20, 3) in the torso frame, by arm."""
+    robot, found = tci.load_robot(name), dict[str, Array]()
+    fitted, skin = fit(robot, gesture).gesture, Skin(robot)
+    for part in gesture.postures:
+        tip, ways = np.array([0.0, 0.0, -robot.part(part).segment("forearm").length, 1.0]), []
+        for time in np.linspace(0.0, fitted.duration, 20):
+            angles = fitted.at(float(time))[part]
+            position = np.array(initial_position(robot))
+            joints = joint_map(robot, part)
+            position[joints.servos] = joints.to_robot(angles, position)
+            reading = JointReading(0.0, 0, read_only(position), read_only(np.zeros(len(position))))
+            shoulder = skin.segment_pose(part, "upper_arm", reading, angles)[:3, 3]
+            way = (skin.segment_pose(part, "forearm", reading, angles) @ tip)[:3] - shoulder
+            ways.append(way / np.linalg.norm(way))
+        found[part] = np.array(ways)
+    return found
 
 
 Path = tuple[Array, Array]

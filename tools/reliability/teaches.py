@@ -8,7 +8,8 @@ import numpy as np
 from pool import gather
 from row import Row
 
-from helpers.taught import guide
+from helpers.taught import ends_with_a_tap, guide, hands_apart
+from tci.gestures import fit
 
 ROBOTS = "nao", "icub", "g1", "g1-inspire", "talos", "alex"
 FULL, SMALL = 40, 3
@@ -22,10 +23,20 @@ def teaches(full: bool) -> Row:
     over = [one for one in done if one["median"] > 5.0 or one["high"] > 8.0 or one["kept"] < 0.95]
     tapped = [one for one in done if one["tapped"]]
     off = [one for one in tapped if not one["off"] <= 2.0]
-    print(*over, *off, sep="\n")
-    median, high, kept, away = (
+    ends = gather("ends", _ends, [(number,) for number in range(100 if full else 10)], full=full)
+    missed = [one["number"] for one in ends if not one["ended"]]
+    beyond = [one for one in tapped if not one["apart"] <= 10.0]
+    far = [one for one in beyond if not one["apart"] - one["told"] <= 10.0]
+    print(*over, *off, *far, sep="\n")
+    median, high, kept, away, apart = (
         [one[name] for one in rows] or [np.nan]
-        for name, rows in (("median", done), ("high", done), ("kept", done), ("off", tapped))
+        for name, rows in (
+            ("median", done),
+            ("high", done),
+            ("kept", done),
+            ("off", tapped),
+            ("apart", tapped),
+        )
     )
     short = {
         why: sum(one["why"] == why for one in done) for why in sorted({one["why"] for one in done} - {""})
@@ -39,11 +50,15 @@ def teaches(full: bool) -> Row:
         f"force {np.median(median):.1f} N (median), 95th percentile {np.median(high):.1f} N (median), "
         f"{np.max(high):.1f} N (worst); contact kept {np.min(kept):.0%} of the time or more; repeated within "
         f"{np.median(away):.1f} degrees (median), {np.max(away):.1f} (worst) of {len(tapped)}; {len(over)} "
-        f"over, {len(off)} not repeated; measured for less than 0.8 s: "
+        f"over, {len(off)} not repeated; on {len(tapped)} other "
+        f"robots the hand within {np.median(apart):.1f} degrees (median), {len(beyond)} over 10, of "
+        f"which {len(far)} not since its own limits keep it away, which `fit` tells; the end "
+        f"recognised {len(ends) - len(missed)} of {len(ends)} times; measured for less than 0.8 s: "
         f"{', '.join(f'{count} by {why}' for why, count in short.items()) or 'none'}",
         "after 0.3 s at each place: median <= 5 N, 95th percentile <= 8 N, contact >= 95 %; repeated "
-        "within 2 degrees r.m.s.",
-        not over and not off,
+        "within 2 degrees r.m.s., on another robot the hand's direction from the shoulder within 10 degrees; "
+        "the end recognised 98 of 100 times",
+        not over and not off and not far and len(missed) <= 0.02 * len(ends),
     )
 
 
@@ -52,8 +67,24 @@ def _one(name: str, seed: int) -> dict[str, Any]:
     about = {"robot": name, "seed": seed, "counts": seen is not None}
     if seen is None:
         return about
+    other = ROBOTS[(ROBOTS.index(name) + 1 + seed % (len(ROBOTS) - 1)) % len(ROBOTS)]
+    apart = told = np.inf
+    if seen.gesture is not None:
+        apart = hands_apart(seen.gesture, name, other)
+        missed = fit(other, seen.gesture).missed
+        told = float(
+            np.degrees(max((one for joint, one in missed.items() if "upper_arm" in joint), default=0.0))
+        )
     return {
-        **about, "patch": seen.patch, "rate": seen.rate, "pad": seen.pad, "median": seen.median,
+        **about, "other": other, "apart": apart, "told": told, "patch": seen.patch,
+        "rate": seen.rate, "pad": seen.pad, "median": seen.median,
         "high": seen.high, "kept": seen.kept, "peak": seen.peak, "tapped": seen.tapped, "off": seen.off,
         "why": seen.why,
     }  # fmt: skip
+
+
+def _ends(number: int) -> dict[str, Any]:
+    return {
+        "number": number,
+        "ended": ends_with_a_tap(("nao", "icub", "g1", "talos", "alex")[number % 5], 1000 + number),
+    }

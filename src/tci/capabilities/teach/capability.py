@@ -43,6 +43,9 @@ PATIENCE = 6.0
 """Time [s] after which a motion begins although something keeps a limb from its start."""
 EASE = 0.3
 """Time [s] in which a motion gets its speed, at its begin and after a touch."""
+FREE = 1.0
+"""Time [s] without touch after which a limb that was pressed too hard is its own again: a withdrawal has come
+to its end."""
 GUIDED = 65.0
 """Contact [N] that it declares for a guided arm. Above `Teach.most` it gives the arm away, but the gate's own
 answer, the way back, would lead into the hand that pushes: with 72 N in place of 15 at a joint's limit."""
@@ -184,7 +187,8 @@ class Teach(Capability[Taught]):
             grip = name in memory.lesson.taught or (memory.motion is None and not memory.learns)
             touch = limb.touch.feel(bool(pushed[name]), perception.stamp, grip=grip)
             force = max((one.force for one in pushed[name]), default=0.0)
-            let_go = touch.touched and (limb.let_go or force > self.most)
+            free = not touch.touched and perception.stamp - touch.felt > FREE
+            let_go = force > self.most or (limb.let_go and not free)
             began = touch.touched and not limb.touch.touched
             before = perception.posture[name] if began else limb.before
             limbs[name] = replace(limb, touch=touch, let_go=let_go, before=before)

@@ -24,7 +24,7 @@ from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import KinematicChain
 from tci.runtime.loop import run
 from tci.skin.skin import Skin
-from tci.testing import TouchedRobot
+from tci.testing import PERIOD, TouchedRobot
 from tci.touches.person import Person as Toucher
 
 SPEED = 0.2
@@ -337,19 +337,20 @@ def _can_go(plant: GuidedRobot, part: str, hand: Guide) -> bool:
     return bool((speeds < 0.6 * most).all()) and float(np.linalg.norm(push)) >= LEAST
 
 
-def ends_with_a_tap(name: str, number: int) -> bool:
+def ends_with_a_tap(name: str, number: int) -> bool | None:
     """A drawn person holds the left arm, then taps the right one, without physics: true if that, and nothing
-    before, ends the lesson."""
+    before, ends the lesson. None if the skin did not feel the hold for a second: iCub's has wide gaps."""
     robot, teach = TouchedRobot(name), tci.Teach()
     persons = {"p": Toucher.drawn(f"teacher {number}", seed=7)}
-    touches = ["hold 'left forearm' 3N 1.5s @0.3s by p", "tap 'right forearm' @2.8s by p"]
-    memory = teach.init(robot.body)
+    touches = ["hold 'left forearm' 8N 1.5s @0.3s by p", "tap 'right forearm' @2.8s by p"]
+    memory, held = teach.init(robot.body), 0
     waits = (robot.perceive() for _ in range(40))
     for seen in chain(robot.feel(touches, persons=persons, seed=number), waits):
         _, memory = teach.step(memory, seen, robot.body)
+        held += any(one.part == "left_arm" for one in seen.contacts)
         if memory.motion is not None:
             return seen.stamp > 2.8
-    return False
+    return False if held * PERIOD > 1.0 else None
 
 
 def hands_apart(gesture: Gesture, one: str, other: str) -> float:

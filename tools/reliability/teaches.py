@@ -23,7 +23,8 @@ def teaches(full: bool) -> Row:
     over = [one for one in done if one["median"] > 5.0 or one["high"] > 8.0 or one["kept"] < 0.95]
     tapped = [one for one in done if one["tapped"]]
     off = [one for one in tapped if not one["off"] <= 2.0]
-    ends = gather("ends", _ends, [(number,) for number in range(100 if full else 10)], full=full)
+    ends = gather("ends", _ends, [(number,) for number in range(120 if full else 10)], full=full)
+    ends = [one for one in ends if one["ended"] is not None]
     missed = [one["number"] for one in ends if not one["ended"]]
     beyond = [one for one in tapped if not one["apart"] <= 10.0]
     far = [one for one in beyond if not one["apart"] - one["told"] <= 10.0]

@@ -5,13 +5,16 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Else every process of the tests compiles all of TCI and all tests anew.
 unexport PYTHONDONTWRITEBYTECODE
 OUT ?= out
+# Where your index has no CPU build of PyTorch, it comes with 3 GB of CUDA, but for this:
+# make learn LEARN_INDEX=https://download.pytorch.org/whl/cpu
+LEARN_INDEX ?=
 # Live tests at a time: most of them wait, and a busy machine
 # makes robots hold.
 LIVE ?= 3
 # Everything else runs beside them, in the time of the processors that they leave.
 IDLE := $(if $(shell command -v chrt),chrt --idle 0,nice -n 19)
 
-.PHONY: help demo test live beside not-live test-real peers loops quick lint docs pictures bench middleware soak fuzz reliability release-check lock lowest clean run-env dev-env
+.PHONY: help demo test live beside not-live test-real peers loops quick lint docs pictures bench middleware soak fuzz reliability learn release-check lock lowest clean run-env dev-env
 
 help:  ## show this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 8
@@ -86,6 +89,17 @@ fuzz: dev-env  ## all that reads foreign bytes: coverage-guided (TCI_SECONDS eac
 reliability: dev-env  ## the scoreboard of docs/reliability.md (FULL=1: full size); writes reliability.json
 	@OUT="$(OUT)" FULL=$(FULL) ROWS="$(ROWS)" PAGE=$(PAGE) $(VENV)/python tools/reliability
 
+learn:  ## train the policy of the tutorial in .learn (PyTorch; 7 minutes of a processor), and judge it
+	@$(PYTHON) -m venv .learn
+	@.learn/bin/python -m pip install --quiet $(if $(LEARN_INDEX),--extra-index-url $(LEARN_INDEX)) torch==2.13.0
+	@.learn/bin/python -m pip install --quiet stable-baselines3==2.9.2 onnx==1.23.2 --editable ".[gym,onnx,icub,robots]"
+	@.learn/bin/python -m pip install --quiet imageio==2.38.1 imageio-ffmpeg==0.8.1 proglog==0.1.12 python-dotenv==1.2.4 decorator==5.3.1
+	@.learn/bin/python -m pip install --quiet --no-deps moviepy==2.2.1 # it asks for an older pillow than it needs
+	@.learn/bin/python tools/environments.py
+	@mkdir -p "$(OUT)"
+	@.learn/bin/python examples/learning/train.py "$(OUT)/withdraw.onnx"
+	@.learn/bin/python tools/policy.py "$(OUT)/withdraw.onnx"
+
 release-check: dev-env  ## build, install the sdist in empty environments, run the README (PYTHONS="python3.11 python3.12")
 	@$(VENV)/python tools/release_check.py $(PYTHONS)
 
@@ -108,4 +122,4 @@ lowest:  ## tests with the lowest versions that pyproject.toml allows, in .lowes
 	@NUMBA_CACHE_DIR="$(CURDIR)/.lowest/loops" .lowest/bin/python -m pytest -n 2 --dist loadgroup $(TESTS)
 
 clean:  ## remove what was built
-	rm -rf .venv .lowest .peers out docs/_build docs/_generated dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv .lowest .learn .peers out docs/_build docs/_generated dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -81,9 +81,9 @@ def test_the_command_needs_the_file_alone() -> None:
 
 def test_what_stands_in_the_file_is_what_was_written(tmp_path: Path) -> None:
     policy, spec = read_policy(WITHDRAW)
-    assert (spec.rate, spec.history, spec.observations) == (20.0, 30, ("contacts",))
+    assert (spec.rate, spec.history, spec.observations) == (25.0, 36, ("contacts",))
     assert len(spec.scale) == 28
-    seen = np.linspace(-1.0, 1.0, 30 * 28)
+    seen = np.linspace(-1.0, 1.0, 36 * 28)
     again = pickle.loads(pickle.dumps(policy))
     np.testing.assert_array_equal(policy(seen), again(seen))
     bare = WITHDRAW.read_bytes().replace(b"tci.policy", b"no.policy!")

@@ -89,7 +89,7 @@ fuzz: dev-env  ## all that reads foreign bytes: coverage-guided (TCI_SECONDS eac
 reliability: dev-env  ## the scoreboard of docs/reliability.md (FULL=1: full size); writes reliability.json
 	@OUT="$(OUT)" FULL=$(FULL) ROWS="$(ROWS)" PAGE=$(PAGE) $(VENV)/python tools/reliability
 
-learn:  ## train the policy of the tutorial in .learn (PyTorch; 7 minutes of a processor), and judge it
+learn:  ## train the policy of the tutorial in .learn (PyTorch; 8 minutes of a processor), and judge it
 	@$(PYTHON) -m venv .learn
 	@.learn/bin/python -m pip install --quiet $(if $(LEARN_INDEX),--extra-index-url $(LEARN_INDEX)) torch==2.13.0
 	@.learn/bin/python -m pip install --quiet stable-baselines3==2.9.2 onnx==1.23.2 --editable ".[gym,onnx,icub,robots]"

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tci.learn.task import Scene as Scene
     from tci.learn.task import TouchTask as TouchTask
     from tci.learn.tasks import HOLD as HOLD
+    from tci.learn.tasks import REACH as REACH
     from tci.learn.tasks import TASKS as TASKS
     from tci.learn.tasks import WITHDRAWAL as WITHDRAWAL
     from tci.learn.touch_env import Camera as Camera
@@ -24,7 +25,7 @@ else:
 with needs("the environments of tci.learn", "gym"):
     import gymnasium
 
-for _name in ("withdrawal", "hold"):
+for _name in ("withdrawal", "hold", "reach"):
     gymnasium.register(
         id=f"tci/{_name.title()}-v0",
         entry_point=f"{__name__}.touch_env:TouchEnv",

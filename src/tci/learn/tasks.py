@@ -1,4 +1,4 @@
-"""Tasks that are ready: withdraw from a touch, hold a touch at a force."""
+"""Tasks that are ready: withdraw from a touch, hold a touch at a force, reach through poles."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from tci.capabilities.policy.observations import View
 from tci.capabilities.policy.spec import PolicySpec
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.errors import TciError
+from tci.learn.reach import REACH as REACH
 from tci.learn.task import Poke, Scene, TouchTask
 from tci.messages import Command, GenericCommand, Mode, ModeLike, Perception, SwitchMode
 from tci.messages.frames import read_only
@@ -126,5 +127,5 @@ HOLD = TouchTask(
 """A finger presses with 7 to 12 N; keep the touch at the asked force of 2 to 5 N by yielding. The goal is the
 force [N]."""
 
-TASKS: Mapping[str, TouchTask] = MappingProxyType({"withdrawal": WITHDRAWAL, "hold": HOLD})
+TASKS: Mapping[str, TouchTask] = MappingProxyType({"withdrawal": WITHDRAWAL, "hold": HOLD, "reach": REACH})
 """The ready tasks, by the name that `TouchEnv` takes."""

@@ -67,7 +67,7 @@ class TouchEnv(gymnasium.Env[Vector, Vector]):
     The observation is what a policy of `policy` sees (history x k,), normalised, at most 10. The action (n,)
     is what such a policy gives, -1 to 1; larger ones are clipped. Joints that the robot lacks ignore theirs.
     The reward is the task's for each second, times the length of the step. `info` has its terms, `force`, the
-    force [N] of finger and hands on the robot, and `refused`, how many orders the gate refused.
+    force [N] of finger, hands and obstacles on the robot, and `refused`, how many orders the gate refused.
     An episode is truncated after its duration, and never ends earlier.
     """
 
@@ -266,9 +266,13 @@ class TouchEnv(gymnasium.Env[Vector, Vector]):
         return np.clip(action, -1.0, 1.0).astype(np.float32)
 
     def _force(self) -> float:
-        """Contact force [N] of the finger and of all hands."""
-        hands = (hand.force for person in self.world.people for hand in person.hands)
-        return float(self.world.finger.force + sum(hands))
+        """Contact force [N] of the finger, of all hands and of all obstacles."""
+        force = self.world.finger.force
+        force += sum(hand.force for person in self.world.people for hand in person.hands)
+        if own := {one.name for one in self.task.obstacles}:
+            met = self.world.meetings()
+            force += sum(one.force for one in met if not own.isdisjoint((one.first, one.second)))
+        return float(force)
 
     def _look(self) -> None:
         moment = self._control.observe()

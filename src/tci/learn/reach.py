@@ -1,0 +1,204 @@
+"""Task: reach a place through a field of poles, and press none of them hard (whole-arm reaching in clutter,
+Jain et al. 2013, doi:10.1177/0278364912471865)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from tci.body.generic_body import GenericBody
+from tci.capabilities.capability import Capability
+from tci.capabilities.policy.observations import Observation, View
+from tci.capabilities.policy.spec import PolicySpec
+from tci.errors import TciError
+from tci.gate.self_collision import SelfCollision
+from tci.learn.task import Scene, TouchTask, nothing
+from tci.messages import Command, GenericCommand, Mode, Perception, SwitchMode
+from tci.messages.frames import Array, apply, read_only
+from tci.robot.joint_map import joint_map
+from tci.simulation.obstacle import Obstacle
+
+RADIUS, HALF, STIFFNESS = 0.01, 0.1, 1500.0
+"""Poles: radius [m], half length [m], and stiffness [N/m], like a bamboo stick. Assumed."""
+POLES = tuple(Obstacle(name=f"pole {n}", stiffness=STIFFNESS, radius=RADIUS, half=HALF) for n in range(6))
+FEWEST = 2
+"""Poles in a field, at least."""
+FAR = 0.5
+"""Distance [arm lengths] of the place from the hand, at least."""
+NEAR = 0.1
+"""Distance [arm lengths] at which the hand has reached its place."""
+LOAD = 10.0
+"""Force [N] on the skin above which a reach is not gentle: what a shoulder is touched with in passing."""
+SPREAD = 1.0
+"""Largest angle [rad] of each servo between the initial posture and that at the place."""
+ASIDE = 0.025
+"""Standard deviation [m] of poles from the way of the skin: many are brushed, few bar it."""
+CLEAR = 0.008
+"""Distance [m] from each pole to the arm at the beginning and at the place."""
+BARE = 0.1
+"""Distance [arm lengths] from each pole to the way of hand and elbow, where no skin feels it."""
+SHARES = np.linspace(0.0, 1.0, 9)
+_collisions = lru_cache(maxsize=8)(SelfCollision)
+
+
+def hand(view: View) -> Array:
+    """Where the hand is (3,), in the unit of Cartesian commands: arm lengths from the shoulder."""
+    assert view.perception.joints is not None
+    return view.body.reach(view.part).place(view.perception.joints.position)
+
+
+def reach_reward(view: View) -> dict[str, float]:
+    """`way` is the share of the way from `home` to the place that is done: 1 there, 0 for who stands still,
+    below 0 farther away. `load` is the force [N] on the skin above 10 N, divided by 10 N."""
+    assert view.perception.joints is not None
+    position = np.array(view.perception.joints.position)
+    own = joint_map(view.body.robot, view.part)
+    left = np.linalg.norm(hand(view) - view.goal)
+    position[own.servos] = own.to_robot(view.home, position)
+    whole = np.linalg.norm(view.body.reach(view.part).place(position) - view.goal)
+    force = max((one.force for one in view.perception.contacts if one.part == view.part), default=0.0)
+    return {"way": float(1.0 - left / whole), "load": -max(force / LOAD - 1.0, 0.0)}
+
+
+@dataclass(frozen=True)
+class ReachThrough(Capability[Array | None]):
+    """Moves the hand to a place, slowly, and slides along what it meets (`GenericBody.yield_to`). Raises
+    TciError for a number out of range."""
+
+    part: str
+    goal: tuple[float, ...]
+    """Place (3,) of the hand, in the unit of Cartesian commands."""
+    cap: float = 6.0
+    """Force [N] that it keeps where it slides."""
+    speed: float = 0.1
+    """Largest speed [m/s] of the hand. A first blow is that of the speed, of the stiffness that is met, and
+    of `delay`."""
+    damping: float = 150.0
+    """[N s/m]: twice the stiffness of a pole times the delay of skin, gate and servo (0.05 s)."""
+
+    def __post_init__(self) -> None:
+        for name in ("cap", "speed", "damping"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise TciError(f"reach: {name} {getattr(self, name)}; valid: above 0, finite")
+
+    def init(self, body: GenericBody) -> None:
+        return None
+
+    def begin(self, perception: Perception, body: GenericBody) -> tuple[Command, ...]:
+        return (SwitchMode(self.part, Mode.VELOCITY),)
+
+    def step(
+        self, memory: Array | None, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[Command, ...], Array]:
+        """The memory is the posture (n,) at the place."""
+        if memory is None:
+            assert perception.joints is not None
+            found, _ = body.reach(self.part).solve(self.goal, perception.joints.position)
+            memory = joint_map(body.robot, self.part).to_generic(found)
+        want = 4.0 * (memory - perception.posture[self.part])
+        length = sum(one.length for one in body.robot.part(self.part).segments)
+        want *= min(1.0, self.speed / max(float(np.abs(want).sum()) * length, 1e-9))
+        if own := [one for one in perception.contacts if one.part == self.part]:
+            most = [(self.cap - one.force) / self.damping for one in own]
+            want = body.yield_to(perception, own, want, most)
+        return (GenericCommand(self.part, Mode.VELOCITY, read_only(want)),), memory
+
+    def claims(self, memory: Array | None) -> frozenset[str]:
+        return frozenset({self.part})
+
+
+def field(scene: Scene) -> Array:
+    """Draws a place (3,) for the hand, in the unit of Cartesian commands, and poles near the way there."""
+    position = scene.world.joints().position
+    reach = scene.body.reach(scene.part)
+    start = reach.place(position)
+    for _ in range(300):
+        there = _drawn(scene, position)
+        goal = reach.place(there)
+        far = np.linalg.norm(goal - start) > FAR
+        if far and _collisions(scene.robot).fault(np.stack([position, there])) is None:
+            placed = _place_poles(scene, position, there, BARE * reach.length)
+            if placed >= FEWEST:
+                return goal
+    raise TciError(f"reach: no room for poles on the way of {scene.part} of {scene.robot.name}")
+
+
+def _drawn(scene: Scene, position: Array) -> Array:
+    """A posture (n_servos,) [rad] of the part, within limits."""
+    there, servos = np.array(position), joint_map(scene.robot, scene.part).servos
+    drawn = scene.chance.uniform(-SPREAD, SPREAD, len(servos))
+    for servo, angle in zip(servos.tolist(), drawn.tolist(), strict=True):
+        limits = scene.robot.servos[servo].limits
+        low = -np.inf if limits.lower is None else limits.lower + 0.05
+        high = np.inf if limits.upper is None else limits.upper - 0.05
+        there[servo] = np.clip(there[servo] + angle, low, high)
+    return there
+
+
+def _place_poles(scene: Scene, position: Array, there: Array, room: float) -> int:
+    """Places poles where the skin would meet them; `room` [m] from the way of what has no skin."""
+    ways = [_points(scene, position + share * (there - position)) for share in SHARES]
+    ends, bare = np.concatenate([*ways[0], *ways[-1]]), np.concatenate([one[1] for one in ways])
+    for one in POLES:
+        scene.world.obstacle(one.name).remove()
+    placed = 0
+    for _ in range(60):
+        skin = ways[int(scene.chance.integers(1, len(SHARES) - 1))][0]
+        at = skin[int(scene.chance.integers(len(skin)))] + scene.chance.normal(0.0, ASIDE, 3)
+        along = scene.chance.normal(size=3)
+        along /= np.linalg.norm(along)
+        if _apart(ends, at, along) < RADIUS + CLEAR or _apart(bare, at, along) < room:
+            continue
+        pole = scene.world.obstacle(POLES[placed].name)
+        pole.place(at, along)
+        if any(POLES[placed].name in (one.first, one.second) for one in scene.world.meetings()):
+            pole.remove()
+            continue
+        placed += 1
+        if placed == len(POLES):
+            break
+    return placed
+
+
+def _points(scene: Scene, position: Array) -> tuple[Array, Array]:
+    """Points (k, 3) [m] of the skin that the part moves, and (m, 3) of its links without skin, in the torso
+    frame."""
+    body, chain = scene.body, scene.body.skin.kinematics
+    patches = [one for one in scene.robot.patches if one.name in body.carried(scene.part)]
+    own = set(joint_map(scene.robot, scene.part).servos.tolist())
+    bare = [link for link in chain.links if own & {*chain.chain(link)}]
+    bare = [link for link in bare if link not in {one.link for one in patches}]
+    poses = chain.poses(position, list({*bare, *(one.link for one in patches)}))
+    skin = [apply(poses[one.link], body.skin.surfaces[one.name].positions[::4]) for one in patches]
+    return np.concatenate(skin), np.array([poses[link][:3, 3] for link in bare]).reshape(-1, 3)
+
+
+def _apart(points: Array, at: Array, along: Array) -> float:
+    """Distance [m] of the axis of a pole from points (k, 3)."""
+    away = points - at
+    away -= np.outer(np.clip(away @ along, -HALF, HALF), along)
+    return float(np.linalg.norm(away, axis=1).min(initial=np.inf))
+
+
+def _baseline(scene: Scene) -> ReachThrough:
+    return ReachThrough(scene.part, tuple(scene.goal.tolist()))
+
+
+REACH = TouchTask(
+    reward=reach_reward,
+    baseline=_baseline,
+    touch=nothing,
+    goal=field,
+    observations={"hand": Observation(hand)},
+    policy=PolicySpec(
+        observations=("posture", "velocity", "contacts", "hand", "goal"),
+        mode="velocity",
+        action_scale=(1.0,) * 5,
+    ),
+    obstacles=POLES,
+    duration=12.0,
+)
+"""Bring the hand to a place that is half an arm's length away or more, through 2 to 6 poles, and press none
+of them hard. The goal is the place (3,). The baseline slides along what it meets."""

@@ -31,6 +31,7 @@ MEMORIES = {
     "GentleMemory",
     "GestureMemory",
     "Grip",
+    "Heard",
     "LetGo",
     "PolicyMemory",
     "Posture",

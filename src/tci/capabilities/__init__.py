@@ -51,6 +51,9 @@ if TYPE_CHECKING:
     from tci.capabilities.teach.guide import Feel as Feel
     from tci.capabilities.teach.motion import Correction as Correction
     from tci.capabilities.teach.motion import Motion as Motion
+    from tci.capabilities.touch_words.capability import Heard as Heard
+    from tci.capabilities.touch_words.capability import TouchWord as TouchWord
+    from tci.capabilities.touch_words.capability import TouchWords as TouchWords
     from tci.capabilities.withdrawal import Answer as Answer
     from tci.capabilities.withdrawal import WithdrawalReflex as WithdrawalReflex
     from tci.capabilities.withdrawal_memory import Response as Response

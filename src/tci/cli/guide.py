@@ -47,6 +47,8 @@ NEXT = {
     "log touches": "tci run withdrawal g1 --touches touches.tsv",
     "log export": "tci plot touch.mcap",
     "log import": "tci log info touches.mcap",
+    "words show": "tci run touch-words nao --touch \"pat 'left forearm'\"",
+    "words train": "tci words show nao",
     "zenoh secure": "tci zenoh router keys/router.json5",
     "zenoh router": "tci serve nao --via zenoh",
 }

@@ -34,6 +34,7 @@ from tci.cli.skin import app as skin_app
 from tci.cli.touch import touch
 from tci.cli.touches import touches
 from tci.cli.view import view
+from tci.cli.words import app as words_app
 from tci.cli.zenoh import app as zenoh_app
 from tci.errors import DescriptionError, TciError
 
@@ -67,6 +68,7 @@ app.add_typer(skin_app, name="skin")
 app.add_typer(fault_app, name="fault")
 app.add_typer(gesture_app, name="gesture")
 app.add_typer(log_app, name="log")
+app.add_typer(words_app, name="words")
 app.add_typer(zenoh_app, name="zenoh")
 
 

@@ -20,6 +20,7 @@ from tci.shared.own_sockets import ConnectionMonitor
 from tci.wires.naoqi import services
 from tci.wires.naoqi.board import Board
 from tci.wires.naoqi.session import PORT, first_line
+from tci.wires.naoqi.tactile_gesture import ALTactileGesture
 
 LOCAL = "127.0.0.1"
 
@@ -37,7 +38,7 @@ class NaoqiServer(Server):
             raise DriverError(f"address {address!r}; valid: naoqi:HOST:PORT")
         url = f"tcp://{host or LOCAL}:{port or PORT}"
         self._board = Board(driver.robot, driver.read())
-        self._ready = False
+        self._gestures: ALTactileGesture | None = None
         self._session = qi.Session()
         try:
             self._session.listenStandalone(url)
@@ -61,10 +62,14 @@ class NaoqiServer(Server):
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
         self._board.store(reading, sent)
         # services are registered when the first data is available, as on a robot that starts
-        if not self._ready:
-            self._ready = True
-            for name, one in services.all_services(self._board).items():
+        if self._gestures is None:
+            every = services.all_services(self._board)
+            memory = every["ALMemory"]
+            assert isinstance(memory, services.ALMemory)
+            self._gestures = ALTactileGesture(memory)
+            for name, one in {"ALTactileGesture": self._gestures, **every}.items():
                 self._session.registerService(name, one)
+        self._gestures._follow(perception.stamp)
 
     def refuse(self, order: Order, reason: Reason) -> None:
         self._board.gate = ["refused", reason.text]

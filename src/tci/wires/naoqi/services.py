@@ -289,6 +289,12 @@ class ALMemory:
 
     raiseEvent = insertData
 
+    def removeData(self, key: str) -> None:
+        """Removes a value that was inserted. Raises KeyError if there is none."""
+        with self._lock:
+            if self._own.pop(key, None) is None:
+                raise KeyError(f"removeData: no data at key {str(key)[:80]}")
+
     def _value(self, key: Any) -> tuple[bool, Any]:
         with self._lock:
             if key in self._own:

@@ -26,6 +26,7 @@ import gentle
 import numpy as np
 import teach
 import touch_to_motion
+import touch_words
 import without_skin
 from even_response import draw as draw_even_response
 from foot import draw as draw_foot
@@ -182,6 +183,7 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "fingers": lambda folder: gallery.fingers(folder, IMAGES),
     "robots": lambda folder: gallery.robots(folder, IMAGES),
     "touches": lambda _: draw_touches(IMAGES / "touches.png"),
+    "touch_words": lambda _: touch_words.draw(IMAGES / "touch-words.png"),
     "touch": lambda folder: touch_to_motion.draw_path(IMAGES / "touch-to-motion.svg"),
     "bad_command": lambda folder: touch_to_motion.draw_bad_command(IMAGES / "bad-command.svg"),
     "control_modes": lambda _: control_modes.draw(IMAGES / "control-modes.png"),

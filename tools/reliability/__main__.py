@@ -45,6 +45,7 @@ from teaches import teaches
 from timing import one_kilohertz
 from whole_arm import whole_arm
 from without_skin import felt_nothing, felt_places, felt_reflex
+from words import words
 
 from wires import wires
 
@@ -52,6 +53,7 @@ ROWS: dict[str, Callable[[bool], Row]] = {
     one.__name__: one
     for one in (
         limits, modes, healthy, squeezed, bystander, attends, gentles, teaches, bodies,
+        limits, modes, healthy, squeezed, bystander, attends, gentles, words, bodies,
         moves_away, whole_arm, moved_arm, non_finite, heartbeat, one_kilohertz, loop,
         false_reflexes, descriptions, guided, heartbeats, wires, dropped, killed, minute, yarp_skin,
         yarp_kills, mutation, branches, exposure, felt_places, felt_nothing, felt_reflex,

@@ -48,6 +48,7 @@ NEXT = {
     "log export": "tci plot touch.mcap",
     "log import": "tci log info touches.mcap",
     "words show": "tci run touch-words nao --touch \"pat 'left forearm'\"",
+    "words score": "tci words train mine.npz visit.mcap",
     "words train": "tci words show nao",
     "zenoh secure": "tci zenoh router keys/router.json5",
     "zenoh router": "tci serve nao --via zenoh",

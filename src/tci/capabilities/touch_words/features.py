@@ -68,20 +68,39 @@ def moment(
         normals.append(normal)
         forces.append(one.taxel_forces)
         areas.append(surface.areas[taxels])
-    force, area = np.concatenate(forces), np.concatenate(areas)
-    point, outward = np.concatenate(points), np.concatenate(normals)
-    total = float(force.sum())
-    weight = force / total
+    return moment_of(
+        now, sum(one.force for one in contacts), np.concatenate(forces), np.concatenate(areas),
+        np.concatenate(points), np.concatenate(normals), places=len(contacts),
+    )  # fmt: skip
+
+
+def moment_of(
+    now: float, total: float, force: Array, area: Array, point: Array, outward: Array, *, places: int
+) -> bytes:
+    """What one frame says of a touch, as a record of type `MOMENT`.
+
+    Args:
+        now: time [s].
+        total: force [N] of the touch, also of what no taxel measures.
+        force: of each pressed taxel (k,) [N]; with none of them nothing is felt.
+        area: of each of them (k,) [m2].
+        point: where they are (k, 3) [m].
+        outward: their normals (k, 3).
+        places: number of places that are touched at once.
+    """
+    if not len(force):
+        return nothing(now)
+    measured = float(force.sum())
+    weight = force / measured
     centre = weight @ point
-    own_size = float(weight @ area)
+    taxel = float(weight @ area)
     apart = point - centre
-    square = float(weight @ (apart * apart).sum(axis=1)) - own_size / (2.0 * np.pi)
-    effective = total**2 / float((force * force / area).sum()) - own_size
+    square = float(weight @ (apart * apart).sum(axis=1)) - taxel / (2.0 * np.pi)
     made = np.zeros((), MOMENT)
-    made["time"], made["force"] = now, sum(one.force for one in contacts)
-    made["area"], made["peak"] = max(effective, POINT), float((force / area).max())
+    made["time"], made["force"], made["places"] = now, total, places
+    made["area"] = max(measured**2 / float((force * force / area).sum()) - taxel, POINT)
+    made["peak"], made["spread"] = float((force / area).max()), np.sqrt(max(square, NARROW**2))
     made["centre"], made["facing"] = centre, float(np.linalg.norm(weight @ outward))
-    made["spread"], made["places"] = np.sqrt(max(square, NARROW**2)), len(contacts)
     return made.tobytes()
 
 

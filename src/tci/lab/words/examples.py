@@ -68,8 +68,8 @@ def of_recording(path: str | Path, robot: RobotLike | None = None) -> Examples:
     path = Path(path)
     beside = [path.with_suffix(suffix) for suffix in LABELS if path.with_suffix(suffix).exists()]
     if not beside:
-        labels = path.with_suffix(".tsv").name
-        raise CommandError(f"{path}: no labels; valid: {labels} beside it (tci log touches)")
+        valid = path.with_suffix(".tsv").name
+        raise CommandError(f"{path}: no labels; valid: {valid} beside it (tci log touches)")
     recording = Recording(path)
     found = as_robot(robot) if robot is not None else recorded_robot(recording)
     if found is None:

@@ -28,8 +28,9 @@ MOVING = "bump", "bump_flat", "self_touch", "rest_on"
 GESTURES, SOMETIMES = 0.05, 0.1
 """Amplitude [rad] up to which the robot moves while somebody touches it, and how often. Assumed: people
 seldom touch what moves quickly."""
-HARDEST = 0.2
-"""Least factor on the radii of pads: the simulated hand has hard bones, and its pads press at points."""
+BONE_MM = 3.0
+"""Radius [mm] with which the hardest pads press. Simulated hands and things press at points, whatever
+their size."""
 WOBBLE = 1.5e-3
 """Standard deviation [m] of how a hand rolls and slips. Assumed."""
 PERIOD = 0.02
@@ -53,7 +54,7 @@ class Trial:
     moves: float = 0.0
     """Amplitude [rad] of the robot's own motion meanwhile."""
     softness: float = 1.0
-    """Factor on the radii of the pads: hands and covers of skin are soft or hard."""
+    """From 0, where every pad presses at a point, to 1, where its radius is that of its kind."""
     seed: int = 0
 
 
@@ -79,7 +80,7 @@ def draw(
     return Trial(
         kind, f"{patch} taxel {taxel}", person, str(random.choice(strengths)),
         0.2 if faulty else 0.0, 0.05 if faulty else 0.0, moves,
-        float(np.exp(random.uniform(np.log(HARDEST), 0.1))), int(random.integers(2**31)),
+        float(random.uniform(0.0, 1.1)), int(random.integers(2**31)),
     )  # fmt: skip
 
 
@@ -87,8 +88,8 @@ def laid(trial: Trial, body: GenericBody) -> Iterator[Perception]:
     """What the robot perceives of a trial whose pressure is laid on the taxels."""
     random = np.random.default_rng(trial.seed)
     kind = {**KINDS, **OTHERS}[trial.kind]
-    low, high = kind.radius_mm
-    kinds = {kind.name: replace(kind, radius_mm=(trial.softness * low, trial.softness * high))}
+    low, high = (BONE_MM * (radius / BONE_MM) ** trial.softness for radius in kind.radius_mm)
+    kinds = {kind.name: replace(kind, radius_mm=(low, high))}
     touch = Touch(trial.kind, trial.place, BEFORE, person=trial.person.name, strength=trial.strength)
     planned = plan(body, touch, persons={trial.person.name: trial.person}, kinds=kinds, seed=trial.seed)
     touched = LaidTouches(body, [_wobbling(one, random) for one in planned])

@@ -52,8 +52,7 @@ from wires import wires
 ROWS: dict[str, Callable[[bool], Row]] = {
     one.__name__: one
     for one in (
-        limits, modes, healthy, squeezed, bystander, attends, gentles, teaches, bodies,
-        limits, modes, healthy, squeezed, bystander, attends, gentles, words, bodies,
+        limits, modes, healthy, squeezed, bystander, attends, gentles, teaches, words, bodies,
         moves_away, whole_arm, moved_arm, non_finite, heartbeat, one_kilohertz, loop,
         false_reflexes, descriptions, guided, heartbeats, wires, dropped, killed, minute, yarp_skin,
         yarp_kills, mutation, branches, exposure, felt_places, felt_nothing, felt_reflex,

@@ -1,11 +1,11 @@
 """What people mean by a touch: the robot tells each touch as a word."""
 
 import tci
-from tci.capabilities import Heard
+from tci.capabilities import Heard, TouchWords
 
 
 def tell(name: str, *touches: str) -> None:
-    words = tci.TouchWords()
+    words = TouchWords()
     body = tci.GenericBody(name)
     patch = body.robot.patches[0].name
     print(f"{name} knows on {patch}: {', '.join(words.words_on(patch, body))}")

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from tci.capabilities.policy.capability import PolicyCapability as PolicyCapability
     from tci.capabilities.soft_reaction import SoftReaction as SoftReaction
     from tci.capabilities.teach.capability import Teach as Teach
-    from tci.capabilities.touch_words.capability import TouchWord as TouchWord
-    from tci.capabilities.touch_words.capability import TouchWords as TouchWords
     from tci.capabilities.withdrawal import WithdrawalReflex as WithdrawalReflex
     from tci.capabilities.wrapper import CapabilityWrapper as CapabilityWrapper
     from tci.drivers.driver import Driver as Driver

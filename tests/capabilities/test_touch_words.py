@@ -10,6 +10,7 @@ import pytest
 
 import tci
 from helpers.worded import OTHERS, WORDS, judge, macro_f1
+from tci.capabilities import TouchWord, TouchWords
 from tci.capabilities.touch_words.tactile_gestures import GESTURES, Strokes, follow
 from tci.errors import DescriptionError, TciError
 from tci.testing import TouchedRobot
@@ -26,9 +27,9 @@ def test_a_hand_is_understood_on_a_robot_that_trained_nothing() -> None:
     assert np.median([one.slowest for one in done]) < 3e-3  # the slowest step, also on a busy machine
 
 
-def heard(name: str, *touches: str) -> list[tci.TouchWord]:
-    robot, words = TouchedRobot(name), tci.TouchWords()
-    memory, found = words.init(robot.body), list[tci.TouchWord]()
+def heard(name: str, *touches: str) -> list[TouchWord]:
+    robot, words = TouchedRobot(name), TouchWords()
+    memory, found = words.init(robot.body), list[TouchWord]()
     for perception in robot.feel(touches):
         orders, memory = words.step(memory, perception, robot.body)
         assert orders == ()
@@ -53,7 +54,7 @@ def test_a_word_says_where_how_firmly_and_how_sure() -> None:
 
 
 def test_skins_with_few_channels_have_fewer_words_and_say_which() -> None:
-    words = tci.TouchWords()
+    words = TouchWords()
     body = tci.GenericBody("g1-inspire")
     many, few = words.words_on("left_palm", body), words.words_on("left_index_tip", body)
     assert set(few) < set(many)
@@ -64,7 +65,7 @@ def test_skins_with_few_channels_have_fewer_words_and_say_which() -> None:
 
 
 def press(robot: TouchedRobot, patch: str, taxel: int | None, seconds: float) -> list[str]:
-    words = tci.TouchWords()
+    words = TouchWords()
     memory, found = words.init(robot.body), list[str]()
     for number in range(round((seconds + 0.8) / 0.02)):
         on = number < round(seconds / 0.02)
@@ -111,12 +112,12 @@ def test_fingers_that_land_one_after_the_other_are_still_a_tap() -> None:
 
 def test_what_is_wrong_is_said(tmp_path: Path) -> None:
     with pytest.raises(TciError, match=r"touch words: least 2.0; valid: 0 to 1"):
-        tci.TouchWords(least=2.0)
+        TouchWords(least=2.0)
     wrong = tmp_path / "wrong.npz"
     for content in (b"", b"PK\x03\x04 nothing", b"\x93NUMPY"):
         wrong.write_bytes(content)
         with pytest.raises(DescriptionError, match="no recogniser of touch words"):
-            tci.TouchWords(str(wrong))
+            TouchWords(str(wrong))
     np.savez(wrong, version=np.array(1), features=np.array(["length"]))
     with pytest.raises(DescriptionError, match="made for other features"):
-        tci.TouchWords(str(wrong))
+        TouchWords(str(wrong))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import tci
 from helpers.command_line import tci as command
+from tci.capabilities import TouchWords
 
 LISTENS = "tci.capabilities.touch_words.capability:TouchWords"
 
@@ -29,7 +30,7 @@ def test_people_train_it_on_their_own_recordings(tmp_path: Path) -> None:
     assert "exists; valid: a new file" in command("words", "train", mine, visit, status=1)
     known = json.loads(command("words", "show", "nao", "--recogniser", mine, "--json"))["words"]
     assert sorted(known["left_forearm"]) == ["pat", "press"]
-    assert tci.TouchWords(mine).words_on("left_hand", tci.GenericBody("nao")) == ("tap", "press")
+    assert TouchWords(mine).words_on("left_hand", tci.GenericBody("nao")) == ("tap", "press")
     assert "nothing to train on" in command("words", "train", str(tmp_path / "none.npz"), status=1)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 import tci
 from tci.body.perceiver import Perceiver
+from tci.capabilities import TouchWord, TouchWords
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.messages.frames import Array, read_only
 from tci.robot.joint_map import initial_position
@@ -36,9 +37,9 @@ where there is room."""
 SPREAD = 0.42
 """Of the logarithms of people's lengths and forces: two of three people differ by up to 2.3 times."""
 AFTER = 0.8
-TRIES = 20
-Told = tuple[float, tci.TouchWord]
-Seen = tuple[float, tci.Perception, tuple[tci.TouchWord, ...]]
+TRIES = 100
+Told = tuple[float, TouchWord]
+Seen = tuple[float, tci.Perception, tuple[TouchWord, ...]]
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class Outcome:
 def judge(name: str, true: str, seed: int, *, faults: bool = False, recogniser: str = "") -> Outcome:
     """One trial. If there is no room for a hand or a thing somewhere, it tries elsewhere."""
     random = np.random.default_rng([seed, sum(map(ord, true)), 77])
-    listener = tci.TouchWords(recogniser)
+    listener = TouchWords(recogniser)
     for _ in range(TRIES):
         if true in WORDS or true == "lean":
             found = _person(name, true, random, faults, listener)
@@ -87,7 +88,7 @@ def judge(name: str, true: str, seed: int, *, faults: bool = False, recogniser: 
 
 
 def _person(
-    name: str, true: str, random: np.random.Generator, faults: bool, listener: tci.TouchWords
+    name: str, true: str, random: np.random.Generator, faults: bool, listener: TouchWords
 ) -> Outcome | None:
     world = _hand_world(name)
     world.reset()
@@ -138,7 +139,7 @@ def _person(
 
 
 def _met(
-    name: str, true: str, random: np.random.Generator, faults: bool, listener: tci.TouchWords
+    name: str, true: str, random: np.random.Generator, faults: bool, listener: TouchWords
 ) -> Outcome | None:
     """The arm moves into a thing, stays there for a while, and goes back."""
     world = _thing_world(name)
@@ -228,7 +229,7 @@ def _ways(name: str, link: str, local: Array, home: Array, servos: Array) -> Arr
     return np.array(found)
 
 
-def _sleeve(name: str, random: np.random.Generator, faults: bool, listener: tci.TouchWords) -> Outcome | None:
+def _sleeve(name: str, random: np.random.Generator, faults: bool, listener: TouchWords) -> Outcome | None:
     """A sleeve: light pressure of some folds, wide and uneven, that drift over the skin. The physics knows no
     cloth, so its pressure is laid."""
     robot = tci.load_robot(name)
@@ -286,7 +287,7 @@ _TOOK = [0.0]
 
 
 def _listen(
-    name: str, world: World, random: np.random.Generator, faults: bool, listener: tci.TouchWords, end: float,
+    name: str, world: World, random: np.random.Generator, faults: bool, listener: TouchWords, end: float,
     drive: Callable[[float], None] | None = None,
 ) -> Iterator[Seen]:  # fmt: skip
     body = tci.GenericBody(world.robot)

@@ -85,7 +85,7 @@ class TouchWords(Capability[Heard]):
     """Tells touches as words. Raises TciError for a setting out of range, DescriptionError for a file that is
     no recogniser.
 
-    It claims no part, so it goes beside anything: `tci.Arbiter([tci.TouchWords(), tci.WithdrawalReflex()])`.
+    It claims no part, so it goes beside anything: `tci.Arbiter([TouchWords(), tci.WithdrawalReflex()])`.
     """
 
     needs = (Need("skin on any part"),)

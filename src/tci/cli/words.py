@@ -56,7 +56,6 @@ def train(
         typer.Option(help="Add simulated touches, laid on this robot's skin; may be given several times."),
     ] = None,
     each: Annotated[int, typer.Option(min=1, help="With --laid: touches of each kind.")] = 100,
-    robot: Annotated[str | None, typer.Option(help="Robot of recordings that name none.")] = None,
     seed: Annotated[int, typer.Option(help="Of the training and of the laid touches.")] = 0,
     as_json: AsJson = False,
 ) -> None:
@@ -74,7 +73,7 @@ def train(
 
     if file.exists():
         raise CommandError(f"{file} exists; valid: a new file")
-    parts = [of_recording(path, robot) for path in recordings or ()]
+    parts = [of_recording(path) for path in recordings or ()]
     parts += [of_laid(name, each, seed=seed) for name in laid or ()]
     if not parts:
         raise CommandError("nothing to train on; valid: recordings with labels, or --laid ROBOT")

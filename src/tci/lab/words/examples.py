@@ -15,7 +15,7 @@ from tci.capabilities.touch_words.tracks import Track, Tracks, follow
 from tci.errors import CommandError
 from tci.lab.words.trials import OTHERS, STRENGTHS, draw, felt
 from tci.messages.frames import Array
-from tci.robot.like import RobotLike, as_robot
+from tci.robot.like import RobotLike
 
 WORDS = "poke", "tap", "pat", "hit", "press", "stroke", "rub", "scratch", "tickle", "squeeze", "hold"
 """Kinds of touches that the recogniser of TCI is trained for."""
@@ -55,7 +55,7 @@ class Examples:
         return {word: self.words.count(word) for word in dict.fromkeys(self.words)}
 
 
-def of_recording(path: str | Path, robot: RobotLike | None = None) -> Examples:
+def of_recording(path: str | Path) -> Examples:
     """The touches of a recording, with the labels in the file beside it: `visit.mcap` and `visit.tsv`, or an
     export of BORIS or ELAN. A touch without a label is `other`.
 
@@ -71,9 +71,9 @@ def of_recording(path: str | Path, robot: RobotLike | None = None) -> Examples:
         valid = path.with_suffix(".tsv").name
         raise CommandError(f"{path}: no labels; valid: {valid} beside it (tci log touches)")
     recording = Recording(path)
-    found = as_robot(robot) if robot is not None else recorded_robot(recording)
+    found = recorded_robot(recording)
     if found is None:
-        raise CommandError(f"{path} names no robot; valid: --robot ROBOT")
+        raise CommandError(f"{path} names no robot; valid: a recording of tci record")
     body, tracks, over, begun = GenericBody(found), Tracks(), list[Track](), None
     for period in perceive(recording, found):
         begun = period.now if begun is None else begun

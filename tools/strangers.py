@@ -322,7 +322,7 @@ def _what(result: dict[str, Any]) -> str:
 
 def table(lines: Sequence[dict[str, Any]], results: dict[str, dict[str, Any]]) -> None:
     """Writes docs/tables/strangers.md from the stored results."""
-    rows, whole, simulated = [], 0, 0
+    rows, agree, whole, simulated = [], 0, 0, 0
     for line in lines:
         result = results.get(line["name"], {})
         options = " ".join(result.get("options", ()))
@@ -331,13 +331,15 @@ def table(lines: Sequence[dict[str, Any]], results: dict[str, dict[str, Any]]) -
         ran = {None: "not tried", True: "moved", False: "**no**"}[result.get("ran")]
         kind = "URDF" if line["file"].lower().endswith("urdf") else "MJCF"
         rows.append((line["name"], line["maker"], kind, line["source"], options or "none", what, proved, ran))
-        whole += bool(result.get("whole"))
-        simulated += bool(result.get("whole") and result["ran"])
+        agree += "told" in result and not (result["wrong"] or result["check"]["faults"])
+        simulated += bool(result.get("simulated"))
+        whole += bool(result.get("whole") and result["ran"])
     head = ("name", "maker", "model", "source", "options", "proposed", "check --simulate", "five lines")
     commits = ", ".join(sorted({one["commit"] for one in results.values()}))
     words = (
-        f"{whole} of {len(lines)} proposals agree with the list and with the untouched file, and pass "
-        f"`check`; {simulated} of these were also simulated, with `check --simulate` and the five lines."
+        f"{agree} of {len(lines)} proposals agree with the list and with the untouched file, and pass "
+        f"`check`. {simulated} models were also simulated, with `check --simulate` and the five lines; "
+        f"{whole} of them ran to the end."
     )
     made = f"Made by `python tools/strangers.py DIR` at {commits} with MuJoCo {mujoco.__version__}."
     (TABLES / "strangers.md").write_text(f"{words}\n\n{markdown(head, rows)}\n{made}\n")

@@ -32,6 +32,17 @@ def test_hostile_torques_with_late_readings_keep_speeds_and_links_apart(rate: fl
     assert trial.seen.speed > 0.8, "hostile enough"
 
 
+@pytest.mark.parametrize(("mode", "seed"), [(Mode.POSITION, 1), (Mode.VELOCITY, 104)])
+def test_nobody_accelerates_while_readings_are_overdue(mode: Mode, seed: int) -> None:
+    """Kinetic energy grew to 1.23 and 1.29 of what it was at the last reading."""
+    trial = FourModes(ICUB, mode, seed, rate=200.0)
+    while trial.plant.time < 2.5:
+        trial.step()
+    assert trial.seen.faults(mode) == []
+    assert trial.seen.silences > 0
+    assert trial.seen.growth >= 1.0, "a joint moved when the readings ended"
+
+
 @pytest.mark.parametrize("name", ["l_shoulder_pitch", "l_shoulder_yaw"])
 def test_a_free_joint_becomes_fast_and_a_held_one_gets_its_torque(name: str) -> None:
     servo = next(one.index for one in ICUB.servos if one.name == name)

@@ -330,6 +330,22 @@ def test_data_counts_in_full_up_to_the_age_that_it_usually_has_and_never_for_lon
     assert freshness.LONGEST + freshness.FADE <= END
 
 
+def test_data_is_overdue_a_period_after_the_age_that_it_had_at_most() -> None:
+    fresh = Freshness(PERIOD)
+    for number in range(1, 60):
+        late = 0.03 if number == 50 else 0.0
+        fresh.see(reading(number * 0.01, number), number * 0.01 + 0.005 + late)
+        if number < 20:
+            assert not fresh.overdue(1.0), "nothing is known yet"
+    fresh.see(reading(9.0, 60), 9.0)  # a silence of 8 s
+    longest = 0.01 + 0.005 + 0.03
+    assert not fresh.overdue(longest - 0.01)
+    assert fresh.overdue(longest + PERIOD + 1e-6)
+    for number in range(61, 1100):
+        fresh.see(reading(9.0 + number * 0.01, number), 9.0 + number * 0.01 + 0.005)
+    assert fresh.overdue(0.015 + 1.5 * PERIOD), "what was late once is forgotten after some seconds"
+
+
 def test_a_long_silence_is_no_habit() -> None:
     fresh, twin = Freshness(PERIOD), Freshness(PERIOD)
     for number in range(1, 100):

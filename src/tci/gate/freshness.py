@@ -19,6 +19,14 @@ the arrival of newer data. Assumed: a larger weight adapts faster to a slower ne
 less affected by single delays."""
 
 
+SILENCE = 0.1
+"""Age [s] of data at the arrival of newer data from which on this counts as a fault, and as no habit."""
+FORGETS = 2.0
+"""Time constant [s] in which the largest age is forgotten, so that a busy minute does not count for ever."""
+KNOWN = 20
+"""Number of arrivals from which on the largest age is known."""
+
+
 class Freshness:
     """Age of the latest valid joint data, measured on the gate's own clock.
 
@@ -30,6 +38,7 @@ class Freshness:
         """Starts without data; `period` [s] is the period of the control loop."""
         self._period = period
         self._usual = period
+        self._longest, self._arrivals = 0.0, 0
         self._stamp = self._newest = -math.inf
         self._sequence: int | None = None
         self._refused: int | None = None
@@ -43,9 +52,21 @@ class Freshness:
             return False
         self._newest, self._sequence = min(joints.stamp, now), joints.sequence
         if believed:
+            self._learn(now - self._stamp)
             self._usual += SHARE * (min(now - self._stamp, LONGEST) - self._usual)
             self._stamp = self._newest
         return believed
+
+    def _learn(self, age: float) -> None:
+        if age > SILENCE:
+            return
+        self._arrivals += 1
+        forgotten = min(age / FORGETS, 1.0) * (self._longest - age)
+        self._longest = max(age, self._longest - forgotten)
+
+    def overdue(self, age: float) -> bool:
+        """True if data of this age [s] is older by a period than it lately became before newer data came."""
+        return self._arrivals >= KNOWN and age > self._longest + self._period
 
     def refuse(self, joints: JointReading) -> None:
         """Records a reading that can't be used, so that the reading does not count as new if it is

@@ -207,6 +207,7 @@ class Motion:
         self._switches.begin_period()
         near: list[Reason] = []
         longest, body = self._settings.command_timeout, self.groups.body
+        blind = self._freshness.overdue(self._freshness.age(now))
         moving = [chain for chain in self.groups.chains if not chain.limiter.rests]
         for chain in moving if body is None or not moving else body.turns(moving):
             limiter = chain.limiter
@@ -216,7 +217,7 @@ class Motion:
                     limiter.drive_at(late, np.zeros(len(late)))
             if limiter.outside:
                 limiter.measured = self.groups.measured[chain.index]
-            limiter.step()
+            limiter.step(blind=blind)
             self.groups.note_motion()
             if (ended := limiter.ended) is not None:
                 near.append(replace(ended, text=f"stopped on the way: {ended}"))

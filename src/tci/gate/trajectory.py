@@ -213,11 +213,12 @@ class OnlineTrajectory:
         ahead: Array = self._stopper.ahead(np.array([time]))[0]
         return ahead
 
-    def step(self) -> Array:
-        """Moves by one period, and returns the new positions (n,) [rad]."""
+    def step(self, *, blind: bool = False) -> Array:
+        """Moves by one period, and returns the new positions (n,) [rad]. Servos on their way brake for this
+        period if `blind`: newer data is overdue, and nobody sees what more speed would do."""
         self.ended = None
         moved = self._phase is Phase.RESTS or (self._barred is not None and self._waits)
-        moved = moved or (self._phase is Phase.GOES and self._advance())
+        moved = moved or (self._phase is Phase.GOES and not blind and self._advance())
         moved = moved or (self._phase is Phase.RETURNS and self._return_inside())
         if not moved:
             self._brake()

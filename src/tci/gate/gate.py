@@ -177,7 +177,8 @@ class Gate:
 
     def load(self, part: str, mass: float, centre: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Declares what a part carries, such as a tool in a hand: `mass` [kg], 0 if it is empty again, with
-        its `centre` (3,) [m] in the frame of the part's last link. Torque mode counts it as inertia.
+        its `centre` (3,) [m] in the frame of the part's last link. Torque mode counts it as inertia, and what
+        its weight bends is not held by somebody.
 
         The last link is the palm of an arm's hand. Takes up to 0.1 s, so declare it at rest. Raises
         UnknownNameError for an unknown part, CommandError for a robot without a model and for a load that
@@ -198,6 +199,8 @@ class Gate:
         link = max(moved, key=lambda name: (len(own & moved[name]), len(moved[name])))
         self._loads[link] = Tool(mass=mass, centre=tuple(where.tolist()))
         self._motion.load(self._loads)
+        if self._contact is not None:
+            self._contact.load(self._loads)
 
     def stop(self, reason: Reason | str) -> None:
         """Stops the robot within its limits and accepts no command until `reset`. If the gate has already
@@ -258,6 +261,7 @@ class Gate:
         if self.met or self._contact.blocked:
             raise CommandError("a part is in contact; valid: other settings when nothing presses")
         self._contact = ContactReaction(self._robot, groups_of(self._robot), settings)
+        self._contact.load(self._loads)
         self._settings = replace(self._settings, contact=settings)
 
     def free(self) -> None:

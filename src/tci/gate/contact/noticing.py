@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tci.gate.contact.felt import Felt
 from tci.gate.contact.following import CLEAR
 from tci.gate.contact.settings import ContactSettings
+from tci.gate.contact.weights import MOST, SHAKEN
 from tci.gate.joint_monitor import Reference
 from tci.messages import JointReading
 from tci.messages.frames import Array
@@ -41,11 +42,13 @@ class Seen(NamedTuple):
     """The one that follows least."""
     error: float
     """By how much [rad]."""
+    excused: float
+    """Angle [rad] by which a weight may bend it at rest."""
     felt: Felt
     loosest: int
     """The servo that nobody commands and that left its place by most."""
     bent: float
-    """By how much [rad]."""
+    """By how much [rad]; 0 if a weight may have bent it."""
 
 
 @dataclass(slots=True)
@@ -64,7 +67,8 @@ class Noticing:
     def look(self, seen: Seen, settings: ContactSettings, *, moves: bool, rests: bool) -> None:
         """Notes a reading. The group `moves`, or did a moment ago, or `rests` for so long that nothing lags
         any more."""
-        self.held = seen.error > settings.held * (AT_REST if rests else 1.0)
+        least, shaken = (AT_REST, 1.0) if rests else (1.0, SHAKEN)
+        self.held = seen.error > max(settings.held * least, min(shaken * seen.excused, MOST))
         if seen.error < CLEAR * settings.held:
             self.clear = seen.joints.stamp
         # somebody who moves it while the others rest does so on purpose

@@ -39,7 +39,7 @@ class First:
         ahead = goes * side[seen.worst] > 0.0 and goes * float(way[0]) > 0.0
         self._pressed &= seen.pull * self._pull > 0.0
         ahead = ahead and not self._pressed[mine].any()
-        self._behind = self._behind + 1 if ahead and seen.error > held else 0
+        self._behind = self._behind + 1 if ahead and seen.error > max(held, seen.excused) else 0
         if not self._contacts and now - self._begun < FELT_LATE:
             self._contacts = seen.felt.of(())
         first, another = seen.felt.other_than(self._contacts)

@@ -11,7 +11,7 @@ passes until the contact has been over for a while. A resting part that somebody
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
@@ -26,11 +26,13 @@ from tci.gate.contact.others import First
 from tci.gate.contact.path import Path
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.contact.softness import LIGHT, Softness
+from tci.gate.contact.weights import bends
 from tci.gate.joint_monitor import Reference
 from tci.messages import Answer, Contacts, JointReading, Met
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
+from tci.robot.joint_calibration import Tool
 
 SETTLES = 0.12
 """Time [s] after the end of a way back at which a joint is judged: it lags by less."""
@@ -141,6 +143,7 @@ class ContactReaction:
         self._following = Following(
             len(robot.servos), held=settings.held, lag=settings.lag, known=settings.stands
         )
+        self.load({})
         self._stamp = self._now = -np.inf
         self._freeing = False
         self.blocked: frozenset[int] = frozenset()
@@ -149,6 +152,10 @@ class ContactReaction:
         """Why the gate must stop: a part met something too often."""
         self.met: tuple[Met, ...] = ()
         """The contacts of the latest reading, from the lower threshold on."""
+
+    def load(self, tools: Mapping[str, Tool]) -> None:
+        """Sets what links carry, by the name of the link: its weight bends joints, too."""
+        self._excused = bends(self._robot, tools)
 
     def expect(self, servos: NDArray[np.intp], force: float, now: float) -> None:
         """Leaves contact up to `force` [N] on the skin of these servos' groups to a capability."""
@@ -227,12 +234,15 @@ class ContactReaction:
                 self._following.rest(group.servos, joints)
             if not own.any():
                 continue
-            worst = int(group.servos[np.nanargmax(error[group.servos])])
+            excused = self._excused[group.servos]
+            worst = int(np.nanargmax(error[group.servos] / np.maximum(excused, self._settings.held)))
             left = np.nan_to_num(bent[group.servos])
+            left[left < excused] = 0.0
             seen = Seen(
                 joints, reference, group.servos, joints.position[group.servos],
-                self._following.pull[group.servos], own, worst, float(error[worst]),
-                felt.get(number, Felt()), int(group.servos[np.argmax(left)]), float(left.max()),
+                self._following.pull[group.servos], own, int(group.servos[worst]),
+                float(error[group.servos[worst]]), float(excused[worst]), felt.get(number, Felt()),
+                int(group.servos[np.argmax(left)]), float(left.max()),
             )  # fmt: skip
             goal: Array | None
             if group.goal is None:
@@ -310,7 +320,8 @@ class ContactReaction:
 
     def _tell(self, group: _Group, seen: Seen) -> Iterator[Met]:
         over = group.goal is None or group.free is not None
-        held = group.noticing.sure or (group.goal is not None and seen.error > 0.5 * self._settings.held)
+        least = max(0.5 * self._settings.held, seen.excused)
+        held = group.noticing.sure or (group.goal is not None and seen.error > least)
         if over and not held and seen.felt.force < self._settings.told:
             return
         answer: Answer = "told"

@@ -1,0 +1,68 @@
+"""How far a weight in a hand, of which nobody told, bends each joint: so much is no contact."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+
+import numpy as np
+
+from tci.errors import DescriptionError, UnknownNameError
+from tci.messages.frames import Array, read_only
+from tci.robot.description import Robot
+from tci.robot.gravity import STANDARD_GRAVITY
+from tci.robot.joint_calibration import Tool
+from tci.robot.kinematics import KinematicChain
+
+UNDECLARED = 0.3
+"""Mass [kg] that a hand may carry without a word: a phone, a small bottle."""
+BEYOND = 0.05
+"""Distance [m] of its centre from the frame of the hand's last link."""
+SOFT = float(np.deg2rad(12.0))
+"""Angle [rad] by which a servo's full torque bends it. Assumed: with it, dry friction of 5 % of the torque
+leaves half a degree, as good servos do."""
+FRICTION = 0.05
+"""Dry friction, as a fraction of the torque limit."""
+SHAKEN = 1.5
+"""Factor by which a weight bends a joint more while its part moves."""
+MOST = float(np.deg2rad(4.0))
+"""Angle [rad] beyond which a bend is always a contact: at 6 degrees the joint monitor stops the robot."""
+POSTURES = 32
+
+
+def bends(robot: Robot, loads: Mapping[str, Tool]) -> Array:
+    """Angles (n_servos,) [rad] by which dry friction, a weight that nobody declared, and declared `loads`, by
+    the name of their links, may bend the joints; 0 where the model or the torque limit is unknown."""
+    weights = np.zeros(len(robot.servos))
+    try:
+        levers = _levers(robot)
+    except (DescriptionError, UnknownNameError):
+        return weights
+    for links, lever in levers:
+        mass = UNDECLARED + sum(tool.mass for link, tool in loads.items() if link in links)
+        weights = np.maximum(weights, mass * STANDARD_GRAVITY * lever)
+    torque = np.array([servo.limits.torque or np.inf for servo in robot.servos])
+    bent: Array = np.where(weights > 0.0, SOFT * (weights / torque + FRICTION), 0.0)
+    return np.minimum(bent, MOST)
+
+
+@lru_cache(maxsize=8)
+def _levers(robot: Robot) -> tuple[tuple[frozenset[str], Array], ...]:
+    """For each arm its links, and the longest lever (n_servos,) [m] that a weight in its hand has."""
+    chain, random = KinematicChain(robot), np.random.default_rng(0)
+    lower = np.array([servo.limits.lower or 0.0 for servo in robot.servos])
+    upper = np.array([servo.limits.upper or 0.0 for servo in robot.servos])
+    postures = random.uniform(lower, np.maximum(lower, upper), (POSTURES, len(lower)))
+    found = []
+    for part in robot.parts:
+        own = {one.servo for one in part.servos if one.servo is not None}
+        if part.kind != "arm" or not own:
+            continue
+        moved = {name: {*chain.chain(name)} for name in chain.links}
+        link = max(moved, key=lambda name: (len(own & moved[name]), len(moved[name])))
+        levers = [np.linalg.norm(chain.jacobian(one, link)[:3], axis=0) for one in postures]
+        longest = np.max(levers, axis=0)
+        links = frozenset(name for name, servos in moved.items() if own & servos)
+        moves = np.isin(np.arange(len(lower)), [*moved[link]])
+        found.append((links, read_only(np.where(moves, longest + BEYOND, 0.0))))
+    return tuple(found)

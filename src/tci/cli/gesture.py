@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -113,6 +115,50 @@ def convert(
         return
     words = f"{target}: {', '.join(gesture.postures)}, {gesture.duration:.1f} s"
     console.print(words, highlight=False, markup=False)
+    _tell(imported)
+
+
+@app.command()
+def field(
+    source: Annotated[
+        Path,
+        typer.Argument(help="Motion of a person who is touched: motion capture (.bvh) or a gesture (.csv)."),
+    ],
+    target: Annotated[Path, typer.Argument(help="File of receptive fields (.toml): made, or added to.")],
+    place: Annotated[str, typer.Option(help="Where the person was touched: 'left forearm outside'.")],
+    at: Annotated[
+        float | None, typer.Option(help="Time of the touch \\[s]. \\[default: where the arm begins to move]")
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(help="Name of the field. \\[default: the words of the place without side]")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Learn a receptive field from a person who is touched: the place of the touch, and the motion of the arm
+    from then to where the hand is farthest away.
+
+    Example:  tci gesture field poked.bvh people.toml --place "left forearm outside" --at 1.2
+    """
+    from tci.cli.console import console, print_json
+    from tci.lab.authoring.learn_field import add_field, learn_field
+    from tci.robot.generic_arm import JOINTS
+
+    imported = load(source)
+    plain = re.sub(r"[^a-z0-9]+", "_", re.sub(r"^(left|right) ", "", place.lower())).strip("_")
+    learnt = learn_field(imported.gesture, place, name or plain, at=at)
+    count = add_field(learnt.field, target)
+    motion = {joint: round(math.degrees(angle), 1)
+              for joint, angle in zip(JOINTS, learnt.field.motion, strict=True)}  # fmt: skip
+    if as_json:
+        print_json({"file": str(target), "field": learnt.field.name, "fields": count, "motion_deg": motion,
+                    "from_s": learnt.start, "to_s": learnt.end, "used": list(imported.used),
+                    "left_out": list(imported.left_out)})  # fmt: skip
+        return
+    words = ", ".join(f"{joint} {angle:+.0f}" for joint, angle in motion.items())
+    console.print(
+        f"{target}: {count} field{'s' if count > 1 else ''}; {learnt.field.name}: the {learnt.side} arm from "
+        f"{learnt.start:.2f} to {learnt.end:.2f} s turned by {words} degrees", highlight=False, markup=False,
+    )  # fmt: skip
     _tell(imported)
 
 

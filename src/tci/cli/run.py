@@ -24,7 +24,8 @@ def run(
     capability: Annotated[
         str,
         typer.Argument(
-            help="Capability: a name such as withdrawal, MODULE:CLASS, or a policy (.onnx).",
+            help="Capability: a name such as withdrawal, MODULE:CLASS, a policy (.onnx), or "
+            "fields of the reflex (.toml).",
             autocompletion=completion.capabilities,
         ),
     ],
@@ -99,7 +100,7 @@ def run_capability(
     every command, or if a hand found no room for a touch.
 
     Args:
-        name: Name of the capability, MODULE:CLASS, or the path of a policy (.onnx).
+        name: Name of the capability, MODULE:CLASS, or the path of a policy (.onnx) or of fields (.toml).
         robot: Name of the robot, or path of a description file.
         via: Driver, NAME or NAME:ADDRESS.
         duration: Duration [s] of the run; None runs until Ctrl-C.

@@ -51,7 +51,8 @@ def view(
         str,
         typer.Option(
             "--run",
-            help="Capability to run on every robot: a name, MODULE:CLASS, or a policy (.onnx).",
+            help="Capability to run on every robot: a name, MODULE:CLASS, a policy (.onnx), or "
+            "fields of the reflex (.toml).",
             autocompletion=completion.capabilities,
         ),
     ] = "withdrawal",

@@ -16,16 +16,18 @@ from pathlib import Path
 from typing import Any
 
 from tci.capabilities.capability import Capability, lacks
+from tci.capabilities.fields import load_fields
 from tci.capabilities.orders import named
 from tci.capabilities.policy.capability import PolicyCapability
+from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.drivers.driver import Driver
 from tci.errors import CommandError, TciError, UnknownNameError
 from tci.robot.description import Robot
 
 GROUP = "tci.capabilities"
 """Group of the entry points of capabilities."""
-POLICY = ".onnx"
-"""Ending of the file of a policy."""
+POLICY, FIELDS = ".onnx", ".toml"
+"""Endings of the file of a policy, and of a file of receptive fields."""
 
 
 def as_driver(given: object, call: str = "run") -> Driver:
@@ -66,8 +68,9 @@ def as_capability(given: Any) -> Capability[Any]:
 
 
 def load_capability(name: str) -> Capability[Any]:
-    """Returns a capability. `name` is the name of an entry point, the path of a policy (.onnx), or
-    MODULE:NAME, of a class with default settings for everything, or of an instance with settings of its own.
+    """Returns a capability. `name` is the name of an entry point, the path of a policy (.onnx) or of the
+    withdrawal reflex's fields (.toml), or MODULE:NAME, of a class with default settings for everything, or of
+    an instance with settings of its own.
 
     The module may be in the working directory. Raises UnknownNameError for an unknown name. Raises
     CommandError if the module can't be imported, or if the object with this name is no subclass of
@@ -78,10 +81,14 @@ def load_capability(name: str) -> Capability[Any]:
         found = points[name].load()
     elif name.endswith(POLICY):
         return PolicyCapability(name)
+    elif name.endswith(FIELDS):
+        return WithdrawalReflex(
+            fields=load_fields(name), surround=load_fields(name, surround=True) or load_fields(name)
+        )
     elif ":" in name:
         found = _from_module(*name.split(":", 1))
     else:
-        others = [*_in_folder(name), "MODULE:CLASS", f"or a policy ({POLICY})"]
+        others = [*_in_folder(name), "MODULE:CLASS", f"fields ({FIELDS})", f"or a policy ({POLICY})"]
         raise UnknownNameError("capability", name, [*sorted(points), *others])
     if not (isinstance(found, Capability) or (isinstance(found, type) and issubclass(found, Capability))):
         raise CommandError(

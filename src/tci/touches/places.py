@@ -21,6 +21,7 @@ from tci.errors import TciError, UnknownNameError
 from tci.messages import JointReading, Landmark, LimbPlace
 from tci.messages.frames import Array, read_only
 from tci.robot.description import GenericPart, Patch
+from tci.robot.generic_arm import Side
 from tci.robot.joint_map import initial_position
 
 FACING = 0.2
@@ -101,6 +102,13 @@ def find_spot(body: GenericBody, words: str, joints: JointReading | None = None)
         if taxel >= len(surface.positions):
             raise UnknownNameError(f"taxel of {patch.name}", match[2], [f"0 to {len(surface.positions) - 1}"])
         return _at_taxel(body, patch, taxel)
+    name, theta, u, along = _split(words)
+    spot = _patch_spot(body, name, u) or _word_spot(body, name, theta, u, joints)
+    return Spot(spot.place, spot.part, spot.segment, along)
+
+
+def _split(words: str) -> tuple[str, float | None, float | None, tuple[float, float] | None]:
+    """Name, angle [rad] around the limb, place along it, and from where to where, as far as `words` say."""
     match = _TAIL.fullmatch(words)
     assert match is not None  # the pattern fits any words
     name, angle, first, last = match.groups()
@@ -109,8 +117,24 @@ def find_spot(body: GenericBody, words: str, joints: JointReading | None = None)
     u = float(first) if along is None and first is not None else None if along is None else sum(along) / 2.0
     if u is not None and (beyond := max(u, *(along or (0.0,)))) > 1.0:
         raise TciError(f"place {words!r}: {beyond:g} along the limb; valid: 0 to 1")
-    spot = _patch_spot(body, name, u) or _word_spot(body, name, theta, u, joints)
-    return Spot(spot.place, spot.part, spot.segment, along)
+    return name, theta, u, along
+
+
+def limb_place_of(words: str) -> tuple[Side, LimbPlace]:
+    """The side and the place on a generic arm that `words` name, of no robot in particular. Raises
+    UnknownNameError for words that name no place on an arm."""
+    name, theta, u, _ = _split(" ".join(words.split()))
+    sides: tuple[Side, ...] = ("left", "right")
+    arms = {
+        row.words.format(side=side): (side, row) for row in ROWS if row.degrees is not None for side in sides
+    }
+    if name not in arms:
+        raise UnknownNameError("place on an arm", name, list(arms))
+    side, row = arms[name]
+    assert row.degrees is not None  # selected above
+    assert row.u is not None  # each row with an angle has a `u`
+    theta = radians(row.degrees) if theta is None else theta
+    return side, LimbPlace(row.segment, row.u if u is None else u, theta)
 
 
 def _patch_spot(body: GenericBody, name: str, u: float | None) -> Spot | None:

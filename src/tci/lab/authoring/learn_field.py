@@ -70,11 +70,10 @@ def learn_field(gesture: Gesture, words: str, name: str, *, at: float | None = N
             f"{LASTS:g} s of {gesture.times[start]:.2f} s: no withdrawal; "
             f"valid: {np.rad2deg(LEAST):.0f} degrees or more"
         )
-    like = default_fields()[0]
-    learnt = ReceptiveField(
-        name=name, segment=place.segment, u=place.u, theta=place.theta, radius=RADIUS, measure=like.measure,
-        threshold=like.threshold, saturation=like.saturation, motion=tuple(motion.tolist()),
-    )  # fmt: skip
+    learnt = default_fields()[0].model_copy(update={
+        "name": name, "segment": place.segment, "u": place.u, "theta": place.theta, "radius": RADIUS,
+        "motion": tuple(motion.tolist()),
+    })  # fmt: skip
     return Learnt(learnt, side, float(gesture.times[start]), float(gesture.times[end]))
 
 

@@ -76,7 +76,9 @@ class MujocoWorlds(Worlds):
             np.zeros((count, MOST), CONTACT), np.zeros((count, MOST + 1), np.int64),
             np.zeros((count, n), TAXEL), np.zeros(count, np.int64),
         )  # fmt: skip
-        self._links = scene.torso, np.ascontiguousarray(scene.T_LT), scene.bodies
+        self._links = (
+            scene.torso, np.ascontiguousarray(scene.T_LT), scene.bodies, self._centres, self._turns,
+        )  # fmt: skip
         self._work = (
             np.zeros((len(scene.bodies) + 1, 4, 4)), np.zeros(p + 1, np.int64), np.zeros(n, np.int32),
             np.zeros(n), np.zeros(MOST, SUMMARY),
@@ -151,8 +153,8 @@ class MujocoWorlds(Worlds):
                 one = self.scene.body.joint_maps[part]
                 posture[touched, row] = [one.to_generic(position)[:4] for position in angles]
         full = loops.find(
-            self._centres, self._turns, self._links, posture, layout, estimates, self._limits, self._clusters,
-            self._felt, self._found, *self._work,
+            self._links, posture, layout, estimates, self._limits, self._clusters, self._felt, self._found,
+            self._work,
         )  # fmt: skip
         if full:
             raise TciError(f"world {full - 1}: more than {MOST} contacts at once")

@@ -54,26 +54,17 @@ def _plan(
     _change(peak, 0.0, 0.0, most, jerk, sign, 5, times, jerks)
 
 
-@compiled(
-    int64(
-        float64, views(2), reads(1), reads(1), reads(1), reads(1), reads(1), writes(2), writes(3), writes(3),
-        writes(3), writes(2),
-    )
-)  # fmt: skip
+@compiled(int64(float64, views(2), reads(2), writes(2), writes(3), writes(3), writes(3), writes(2)))
 def advance(
-    period: float, wanted: Array, lower: Array, upper: Array, velocity: Array, acceleration: Array,
-    jerk: Array, goals: Array, states: Array, times: Array, jerks: Array, sent: Array,
+    period: float, wanted: Array, limits: Array, goals: Array, states: Array, times: Array, jerks: Array,
+    sent: Array,
 ) -> int:  # fmt: skip
     """Moves all set-points on by one period. Returns how many motions were planned anew.
 
     Args:
         period: Time [s].
         wanted: Targets (N, n) [rad], which may lie outside the limits.
-        lower: Limits (n,) [rad], as `upper`; a servo without limits stays where it is.
-        upper: See `lower`.
-        velocity: Limits (n,) [rad/s].
-        acceleration: Limits (n,) [rad/s2].
-        jerk: Limits (n,) [rad/s3].
+        limits: Lower, upper, velocity, acceleration and jerk (5, n); a servo without them stays where it is.
         goals: Targets (N, n) [rad] of the present motions.
         states: Set-points, their velocities and accelerations (N, n, 3).
         times: What is left [s] of each piece (N, n, 8) of the motions.
@@ -81,6 +72,7 @@ def advance(
         sent: Output (N, n): set-points [rad].
     """
     planned = 0
+    lower, upper, velocity, acceleration, jerk = limits[0], limits[1], limits[2], limits[3], limits[4]
     for w in range(len(wanted)):
         for i in range(len(lower)):
             state, left, own = states[w, i], times[w, i], jerks[w, i]
@@ -116,7 +108,7 @@ class BatchLimiter:
     def __init__(self, limits: Array, start: Array, *, period: float) -> None:
         """Rests at `start` (N, n) [rad], with the `limits` (5, n) of a `BatchScene`; a step takes `period`
         [s]."""
-        self._limits = [*np.ascontiguousarray(limits)]
+        self._limits = np.ascontiguousarray(limits)
         self._period = period
         self._goals = np.array(start, dtype=float)
         self.states = np.zeros((*start.shape, 3))
@@ -147,7 +139,7 @@ class BatchLimiter:
         """Moves on towards the targets `wanted` (N, n) [rad], clipped to the limits; NaN keeps the last
         one. Returns `sent`."""
         advance(
-            self._period, wanted, *self._limits, self._goals, self.states, self._times, self._jerks, self.sent
+            self._period, wanted, self._limits, self._goals, self.states, self._times, self._jerks, self.sent
         )
         return self.sent
 

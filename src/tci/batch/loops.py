@@ -151,12 +151,16 @@ def feel(step: int, skins: Arrays, layout: LayoutArrays, estimates: Estimates, f
     return full
 
 
-LINKS = returns(int64, reads(2), reads(1, int64))
-"""Index of the torso's body, pose (4, 4) of the torso frame in it, and bodies (l,) of `SkinLayout.links`."""
+LINKS = returns(int64, reads(2), reads(1, int64), reads(3), reads(3))
+"""Index of the torso's body, pose (4, 4) of the torso frame in it, bodies (l,) of `SkinLayout.links`, and
+positions (N, b, 3) [m] and orientations (N, b, 9) of all bodies in the world frame."""
 FOUND = returns(
     writes(2, from_dtype(CONTACT)), writes(2, int64), writes(2, from_dtype(PRESSED)), writes(1, int64)
 )
 """Contacts of all worlds: `ContactArrays` with a row per world, and their numbers (N,)."""
+ROOM = returns(writes(3), writes(1, int64), writes(1, int32), writes(1), writes(1, from_dtype(SUMMARY)))
+"""Work space: poses (l + 1, 4, 4), where each patch begins (p + 1,), active taxels and their pressures (n,),
+and as many summaries as there is room for contacts."""
 
 
 @inlined
@@ -171,15 +175,8 @@ def _relative(out: Array, torso: Array, p: Array, R: Array) -> None:
             out[i, 3] += torso[k, i] * (p[k] - torso[k, 3])
 
 
-@compiled(
-    int64(
-        reads(3), reads(3), LINKS, reads(3), LAYOUT, ESTIMATES, LIMITS, CLUSTERS, FELT, FOUND, writes(3),
-        writes(1, int64), writes(1, int32), writes(1), writes(1, from_dtype(SUMMARY)),
-    )
-)  # fmt: skip
+@compiled(int64(LINKS, reads(3), LAYOUT, ESTIMATES, LIMITS, CLUSTERS, FELT, FOUND, ROOM))
 def find(
-    centres: Array,
-    turns: Array,
     links: Arrays,
     posture: Array,
     layout: LayoutArrays,
@@ -188,19 +185,13 @@ def find(
     clusters: Clusters,
     felt: Arrays,
     found: tuple[Records, Places, Records, Places],
-    poses: Array,
-    begin: Places,
-    active: Indices,
-    pressure: Array,
-    summary: Records,
+    room: tuple[Array, Places, Indices, Array, Records],
 ) -> int:
     """Finds the contacts of all worlds.
 
     Returns the number of a world with more contacts than there is room for, + 1; else 0.
 
     Args:
-        centres: Positions (N, b, 3) [m] of all bodies in the world frame.
-        turns: Their orientations (N, b, 9).
         links: See `LINKS`.
         posture: First four generic angles (N, parts, 4) [rad] of each limb.
         layout: The skin.
@@ -209,16 +200,13 @@ def find(
         clusters: Work space.
         felt: See `FELT`.
         found: Output, see `FOUND`.
-        poses: Work space (l + 1, 4, 4).
-        begin: Work space (p + 1,).
-        active: Work space (n,), as `pressure`.
-        pressure: Work space (n,).
-        summary: Work space (MOST,).
+        room: See `ROOM`.
     """
-    torso, T_LT, bodies = links
+    poses, begin, active, pressure, summary = room
+    torso, T_LT, bodies, centres, turns = links
     _, listed, pressures, numbers, _ = felt
     rows, begins, pressed, counts = found
-    room = poses[len(bodies)]
+    frame = poses[len(bodies)]
     for w in range(len(counts)):
         counts[w] = 0
         place = 0
@@ -242,10 +230,10 @@ def find(
         R, c = turns[w, torso], centres[w, torso]
         for i in range(3):
             for j in range(4):
-                room[i, j] = R[3 * i] * T_LT[0, j] + R[3 * i + 1] * T_LT[1, j] + R[3 * i + 2] * T_LT[2, j]
-            room[i, 3] += c[i]
+                frame[i, j] = R[3 * i] * T_LT[0, j] + R[3 * i + 1] * T_LT[1, j] + R[3 * i + 2] * T_LT[2, j]
+            frame[i, 3] += c[i]
         for k in range(len(bodies)):
-            _relative(poses[k], room, centres[w, bodies[k]], turns[w, bodies[k]])
+            _relative(poses[k], frame, centres[w, bodies[k]], turns[w, bodies[k]])
         out = ContactArrays(rows[w], begins[w], pressed[w])
         describe_clusters(layout, estimates.hidden, clusters, poses, posture[w], summary, out)
     return 0

@@ -36,10 +36,10 @@ def safety(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Predict how hard the links of ROBOT may strike people who are free to move, and squeeze people who
-    can't give way. Joints go as fast as their limits allow.
+    """Predict how hard the links of ROBOT may strike or squeeze people.
 
-    A prediction, no certificate, for adults only. The worst impact of each kind is simulated besides.
+    Joints go as fast as their limits allow; a person is free to move, or can't give way. A prediction, no
+    certificate, for adults only. The worst contact of each kind is simulated besides.
 
     Example:  tci safety nao
     """

@@ -41,20 +41,19 @@ python_of: dict[Any, Callable[..., Any]] = {}
 """The Python function of each loop that was loaded."""
 
 
-def compiled(signature: Any, *, allocates: bool = False, seldom: bool = False) -> Callable[..., Any]:
-    """Makes a loop machine code for the types of `signature`.
+def compiled(signature: Any, *, seldom: bool = False) -> Callable[..., Any]:
+    """Makes a loop machine code for the types of `signature`. The loop must not create arrays: counting
+    references to them with atomic instructions takes most of the time of a small loop.
 
     Args:
         signature: Types of result and arguments. Numba converts what it safely can (a writable array for one
             that is only read), but nothing within a NamedTuple.
-        allocates: True for a loop that creates or copies arrays; else numba says "NRT required". Counting
-            references with atomic instructions takes most of the time of a small loop, so it is off.
         seldom: True for a loop that most programs never call. It is compiled and loaded when it is first
             called, or when `prepare` is called: do this before a control loop that may need it.
     """
 
     def decorate(loop: Callable[..., Any]) -> Any:
-        function = _jit(loop, _nrt=allocates)
+        function = _jit(loop)
         if seldom:
             return Seldom(function, signature)
         if is_worker():
@@ -182,7 +181,7 @@ def inlined(loop: Callable[..., Any]) -> Any:
     """
     # In a worker only loops call this one, so it needs no wrapper for calls from Python there. Without the
     # wrapper, a call from Python would crash.
-    function = _jit(loop, _nrt=False, forceinline=True, no_cpython_wrapper=is_worker())
+    function = _jit(loop, forceinline=True, no_cpython_wrapper=is_worker())
     template = function.get_call_template
 
     # Numba compiles a loop once more for each constant that it is called with; that took a tenth of all time.
@@ -196,7 +195,7 @@ def inlined(loop: Callable[..., Any]) -> Any:
 
 def _jit(loop: Callable[..., Any], **options: bool) -> Any:
     # Only programs in C need the wrapper that is left out.
-    untyped: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True, **options}
+    untyped: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": False, **options}
     return njit(**untyped)(loop)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numba import boolean, float64
 
 from tci.messages.frames import Array
-from tci.support.compiled import compiled, reads, returns, views, writes
+from tci.support.compiled import compiled, inlined, reads, returns, views, writes
 
 STEP = 5e-4
 """[s]: a hand of 0.6 kg on 75 N/mm still swings over 30 steps."""
@@ -14,6 +14,28 @@ LONGEST = 0.25
 """[s]: every blow has its peak by then."""
 HALVINGS = 7
 """Halvings of the range in which a speed is looked for: to 1 %."""
+
+
+@inlined
+def _peak(
+    mass: float, stiffness: float, damping: float, stall: float, speed: float, spring: float, struck: float,
+    reaction: float,
+) -> float:  # fmt: skip
+    x, v, y, w, reference, most = 0.0, speed, 0.0, 0.0, 0.0, 0.0
+    for i in range(int(LONGEST / STEP)):
+        goes = speed if i * STEP < reaction else 0.0
+        reference += goes * STEP
+        push = stiffness * (reference - x) + damping * (goes - v)
+        push = min(max(push, -stall), stall)
+        force = max(spring * (x - y), 0.0)
+        v += (push - force) / mass * STEP
+        w += force / struck * STEP
+        x += v * STEP
+        y += w * STEP
+        most = max(most, force)
+        if x < y:
+            break
+    return most if np.isfinite(most) else np.inf
 
 
 @compiled(float64(float64, float64, float64, float64, float64, float64, float64, float64))
@@ -33,21 +55,7 @@ def peak(
         struck: [kg] of the struck body.
         reaction: [s].
     """
-    x, v, y, w, reference, most = 0.0, speed, 0.0, 0.0, 0.0, 0.0
-    for i in range(int(LONGEST / STEP)):
-        goes = speed if i * STEP < reaction else 0.0
-        reference += goes * STEP
-        push = stiffness * (reference - x) + damping * (goes - v)
-        push = min(max(push, -stall), stall)
-        force = max(spring * (x - y), 0.0)
-        v += (push - force) / mass * STEP
-        w += force / struck * STEP
-        x += v * STEP
-        y += w * STEP
-        most = max(most, force)
-        if x < y:
-            break
-    return most if np.isfinite(most) else np.inf
+    return _peak(mass, stiffness, damping, stall, speed, spring, struck, reaction)
 
 
 @compiled(boolean(views(2), views(1), reads(1), reads(1), float64, float64, writes(2), writes(1)))
@@ -119,12 +127,12 @@ def spare(blows: Array, people: Array, margin: float, reaction: float) -> tuple[
         for j in range(len(people)):
             spring, struck, most = people[j]
             low, high = 0.0, share
-            force = peak(mass, stiffness, damping, stall, share * speed, spring, struck, reaction)
+            force = _peak(mass, stiffness, damping, stall, share * speed, spring, struck, reaction)
             if margin * force <= most:
                 continue
             for _ in range(HALVINGS):
                 middle = 0.5 * (low + high)
-                force = peak(mass, stiffness, damping, stall, middle * speed, spring, struck, reaction)
+                force = _peak(mass, stiffness, damping, stall, middle * speed, spring, struck, reaction)
                 if margin * force <= most:
                     low = middle
                 else:
@@ -135,6 +143,6 @@ def spare(blows: Array, people: Array, margin: float, reaction: float) -> tuple[
         mass, stiffness, damping, stall, speed = blows[i]
         for j in range(len(people)):
             spring, struck, _ = people[j]
-            force = peak(mass, stiffness, damping, stall, share * speed, spring, struck, reaction)
+            force = _peak(mass, stiffness, damping, stall, share * speed, spring, struck, reaction)
             largest = max(largest, force)
     return share, largest

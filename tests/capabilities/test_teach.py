@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,9 @@ import tci
 from helpers.taught import ends_with_a_tap, guide, hands_apart
 from tci.capabilities import Feel, Motion
 from tci.capabilities.teach.guide import guided
-from tci.errors import TciError
-from tci.gestures import Gesture, fit
+from tci.cli.lesson import expect_lesson, save_lesson
+from tci.errors import CommandError, TciError
+from tci.gestures import Gesture, fit, read_csv
 from tci.messages import ExpectContact, GenericCommand, Mode, SwitchMode
 from tci.messages.frames import Array
 from tci.testing import TouchedRobot
@@ -133,6 +135,24 @@ def test_a_lesson_is_repeated_corrected_and_corrections_are_taken_back() -> None
     scene.touch(None, 3.0)
     scene.tap("right_forearm", 3)
     assert scene.memory.motion.corrections == ()
+
+
+def test_a_lesson_is_written_as_a_gesture(tmp_path: Path) -> None:
+    scene, path = Scene("g1", tci.Teach()), tmp_path / "wave.csv"
+    assert save_lesson(scene.memory, scene.body.robot, path) is None
+    scene.touch("left_forearm", 1.0)
+    scene.touch(None, 0.5)
+    scene.tap("right_forearm")
+    expect_lesson(tci.Teach(), path)
+    written = save_lesson(scene.memory, scene.body.robot, path)
+    assert written is not None
+    np.testing.assert_allclose(
+        read_csv(path)[0].postures["left_arm"], written.postures["left_arm"], atol=1e-6
+    )
+    with pytest.raises(CommandError, match=r"wave\.csv exists"):
+        expect_lesson(tci.Teach(), path)
+    with pytest.raises(CommandError, match=r"valid: tci run teach ROBOT --lesson FILE"):
+        expect_lesson(tci.WithdrawalReflex(), tmp_path / "other.csv")
 
 
 def test_whoever_presses_too_hard_gets_the_reflex() -> None:

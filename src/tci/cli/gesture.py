@@ -50,7 +50,7 @@ def record(
     from tci.robot.catalogue import load_robot
     from tci.runtime.control import Control
 
-    _writable(file)
+    writable(file)
     words = load_robot(robot)
     times: list[float] = []
     positions: list[Array] = []
@@ -105,7 +105,7 @@ def convert(
     from tci.cli.console import console, print_json
     from tci.gestures.files import write_csv
 
-    _writable(target)
+    writable(target)
     imported = load(source)
     gesture = imported.gesture
     write_csv(gesture, target, imported.names)
@@ -227,7 +227,7 @@ def play(
         raise SystemExit(1)
 
 
-def _writable(path: Path) -> None:
+def writable(path: Path) -> None:
     """Raises CommandError if a gesture can't be written to `path`. Called before a person moves the robot, so
     that no motion is lost."""
     if path.suffix.lower() != ".csv" or not path.parent.is_dir():

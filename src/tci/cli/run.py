@@ -49,12 +49,16 @@ def run(
             "extra video)."
         ),
     ] = None,
+    lesson: Annotated[
+        Path | None,
+        typer.Option(help="With teach: write the motion that was taught to this new gesture (.csv)."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Run a capability on a robot. Prints touches, commands, holds, refusals and clamps immediately. A real
     robot moves only with --arm. Without --arm, TCI only reads the robot's data. The exit status is 1 if the
-    gate stopped the robot, if it refused every command, or if a hand did not touch. While it runs, type reset
-    or free.
+    gate stopped the robot, if it refused every command, if a hand did not touch, or if --lesson got
+    none. While it runs, type reset or free.
 
     Example:  tci run withdrawal nao --duration 1 --poke --fault stall@0.32
 
@@ -75,6 +79,7 @@ def run(
         record=record,
         task=task,
         film=film,
+        lesson=lesson,
         as_json=as_json,
     )
 
@@ -93,6 +98,7 @@ def run_capability(
     record: Path | None = None,
     task: str | None = None,
     film: Path | None = None,
+    lesson: Path | None = None,
     as_json: bool = False,
     rehearsal: bool = False,
 ) -> None:
@@ -112,6 +118,7 @@ def run_capability(
         record: Path of the recording to write; None for no recording.
         task: What the recording shows, for data sets.
         film: Path of the film to write; None for no film.
+        lesson: Path of the gesture to write that was taught by touch; None for none.
         as_json: True to print JSON instead of text.
         rehearsal: True to run until the injected faults have ended, with realistic noise on the simulated
             skin.
@@ -122,6 +129,7 @@ def run_capability(
     from tci.capabilities.capability import lacks
     from tci.cli import session as sessions
     from tci.cli.bare import tell_bare, tell_lacks
+    from tci.cli.lesson import expect_lesson, save_lesson
     from tci.cli.operator import Operator
     from tci.cli.run_view import RunView, conclude
     from tci.cli.touching import ask
@@ -134,6 +142,8 @@ def run_capability(
     if task is not None and record is None:
         raise CommandError("--task is the text of a recording; valid: with --record FILE")
     capability = load_capability(name)
+    if lesson is not None:
+        expect_lesson(capability, lesson)
     plans = [parse_fault(fault) for fault in faults]
     if rehearsal:
         duration = sessions.rehearsal_length(plans)
@@ -187,13 +197,25 @@ def run_capability(
         pictures = filmed.save()
         if not as_json:
             console.print(f"film {film}: {pictures} pictures", highlight=False, markup=False)
+    taught = None if lesson is None else save_lesson(session.memory, driver.robot, lesson)
     if as_json:
         touched = {} if asked is None else {"touches": asked.rows(), "missed_touches": asked.not_done(driver)}
-        print_json(session.to_json() | touched)
+        saved = {} if lesson is None else {"lesson_s": None if taught is None else taught.duration}
+        print_json(session.to_json() | touched | saved)
     else:
         conclude(session, filmed=filmed is not None)
+        if lesson is not None:
+            words = "not written: no lesson was ended" if taught is None else (
+                f"{', '.join(taught.postures)}, {taught.duration:.1f} s; next: tci gesture play {lesson} icub"
+            )  # fmt: skip
+            console.print(f"{lesson}: {words}", highlight=False, markup=False)
         result = session.result
-        if result is not None and result.touched and not (missing or result.accepted or result.refusals):
+        noted = any(event.kind == "NOTE" for event in session.log.events)
+        if (
+            result is not None
+            and result.touched
+            and not (missing or noted or result.accepted or result.refusals)
+        ):
             console.print(
                 f"{name} gave no command: it does not respond to this touch; to touch other places: "
                 f"tci view {robot} --run {name}",
@@ -205,7 +227,7 @@ def run_capability(
     missed = () if asked is None else asked.not_done(driver)
     for words in () if as_json else missed:
         console.print(f"a hand did not touch at {words}", style="yellow", highlight=False, markup=False)
-    if session.failed or missed:
+    if session.failed or missed or (lesson is not None and taught is None):
         raise SystemExit(1)
 
 

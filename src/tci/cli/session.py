@@ -89,6 +89,8 @@ class Session:
         self.error: BaseException | None = None
         """Exception that ended the run: an error of the capability, or the exception that a signal raised.
         The value is None if no exception ended the run."""
+        self.memory: Any = None
+        """The capability's memory after the latest period, also if the run was interrupted."""
         self._capability, self._observe = capability, observe
 
     @property
@@ -113,6 +115,7 @@ class Session:
             self._observe(tick)
 
         def take_notes(memory: Any) -> bool:
+            self.memory = memory
             for note in self._capability.notes(memory):
                 if notes.add(Reason.of(note), clock.now()):
                     log.write(clock.now(), "NOTE", note)

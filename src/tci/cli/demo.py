@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -218,19 +219,21 @@ def _table(report: Report, mode: str) -> Table:
         pad_edge=False,
         collapse_padding=True,
     )
+    sites = [trial.site.replace("_", " ") for trial in report.trials]
     table.add_column("site", no_wrap=True)
     for name in ("command\nms", "motion\nms", "lost\nms", "peak\nN", "CoP\nmm", "away\nmm", "without\nmm",
                  "limits\nbroken"):  # fmt: skip
-        table.add_column(name, justify="right", no_wrap=True)
+        table.add_column(name, justify="right", overflow="fold")
     begun = ("", "")
-    for trial in report.trials:
+    for trial, site in zip(report.trials, sites, strict=True):
         if (trial.robot, trial.part) != begun:
             begun = (trial.robot, trial.part)
             table.add_section()
             other = "" if trial.capability == "withdrawal" else f": {trial.capability}"
-            table.add_row(f"[bold]{trial.robot}, {trial.part.replace('_', ' ')}{other}[/]")
+            title = f"{trial.robot}, {trial.part.replace('_', ' ')}{other}"
+            table.add_row(f"[bold]{fill(title, 2 + max(map(len, sites)))}[/]")
         table.add_row(
-            f"  {trial.site.replace('_', ' ')}",
+            f"  {site}",
             _number(trial.trigger_ms),
             _number(trial.first_motion_ms),
             _number(trial.contact_lost_ms),

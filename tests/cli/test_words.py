@@ -31,6 +31,10 @@ def test_people_train_it_on_their_own_recordings(tmp_path: Path) -> None:
     known = json.loads(command("words", "show", "nao", "--recogniser", mine, "--json"))["words"]
     assert sorted(known["left_forearm"]) == ["pat", "press"]
     assert TouchWords(mine).words_on("left_hand", tci.GenericBody("nao")) == ("tap", "press")
+    assert "nowhere.mcap: no such file" in command(
+        "words", "train", str(tmp_path / "none.npz"), "nowhere.mcap", status=1
+    )
+    assert "valid: a .npz file" in command("words", "train", str(tmp_path / "mine.txt"), visit, status=1)
     assert "nothing to train on" in command("words", "train", str(tmp_path / "none.npz"), status=1)
 
 

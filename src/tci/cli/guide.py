@@ -41,7 +41,7 @@ NEXT = {
     "fault list": "tci demo --fault stall@0.32",
     "gesture record": "tci gesture play wave.csv icub",
     "gesture convert": "tci gesture play wave.csv nao",
-    "gesture field": "tci run people.toml nao --poke",
+    "gesture field": "tci run people.toml nao --touch \"poke 'left forearm outside'\"",
     "gesture play": "tci gesture play wave.csv icub --reflex",
     "log info": "tci plot touch.mcap",
     "log cut": "tci plot poke.mcap",

@@ -11,6 +11,7 @@ from rich import box
 
 from tci.cli.console import console, print_json
 from tci.cli.options import AsJson, RobotName
+from tci.errors import CommandError
 
 if TYPE_CHECKING:
     from tci.lab.experiments.safety_report import SafetyReport
@@ -21,7 +22,7 @@ SHOWN = 12
 
 def safety(
     robot: RobotName,
-    impacts: Annotated[int, typer.Option(min=1, help="Impacts to draw.")] = 10_000,
+    impacts: Annotated[int, typer.Option(min=1, help="Contacts to draw.")] = 10_000,
     limits: Annotated[
         Path | None,
         typer.Option(
@@ -32,7 +33,9 @@ def safety(
     seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder for report.html and report.json. \\[default: out/safety-ROBOT]"),
+        typer.Option(
+            help="Folder for report.html and report.json. \\[default: out/safety-ROBOT; none with --json]"
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -51,19 +54,22 @@ def safety(
 
     words = load_robot(robot)
     given = Limits() if limits is None else Limits.read(limits)
+    folder = out or Path("out", f"safety-{words.name}")
+    if folder.exists() and not folder.is_dir():
+        raise CommandError(f"{folder} is a file; valid: --out FOLDER, for report.html and report.json")
     with Progress(console=console, transient=True, disable=as_json or not console.is_terminal) as bar:
-        task = bar.add_task("impacts", total=impacts)
+        task = bar.add_task("contacts", total=impacts)
         drawn = Impacts(words).draw(
             impacts, given.people, seed=seed, progress=lambda done: bar.update(task, completed=done)
         )
         report = report_of(words, drawn, given, seed=seed)
+    if out is not None or not as_json:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "report.json").write_text(json.dumps(report.to_json(), indent=1))
+        (folder / "report.html").write_text(report.to_html())
     if as_json:
         print_json(report.to_json())
         return
-    folder = out or Path("out", f"safety-{words.name}")
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "report.json").write_text(json.dumps(report.to_json(), indent=1))
-    (folder / "report.html").write_text(report.to_html())
     _show(report)
     console.print(f"all {len(report.rows)} rows: {folder / 'report.html'}", highlight=False, markup=False)
 
@@ -78,8 +84,8 @@ def _show(report: SafetyReport) -> None:
     table = Table(
         title=f"{report.robot.name}: the worst of {report.impacts} contacts",
         caption="peak: if nothing notices the contact, and if TCI does after "
-        f"{report.parameters['reaction_s'] * 1e3:.0f} ms; over: share of contacts over the limit; held: what "
-        "lasts if nothing lets go",
+        f"{report.parameters['reaction_s'] * 1e3:.0f} ms (equal where the peak comes sooner); over: share of "
+        "contacts over the limit; held: what lasts if nothing lets go",
         box=box.SIMPLE_HEAD, pad_edge=False,
     )  # fmt: skip
     for name in (

@@ -71,6 +71,8 @@ def train(
     from tci.lab.words.examples import of_laid, of_recording
     from tci.lab.words.training import left_out, train
 
+    if file.suffix.lower() != ".npz" or not file.parent.is_dir():
+        raise CommandError(f"{file} can't hold a recogniser; valid: a .npz file in a folder that exists")
     if file.exists():
         raise CommandError(f"{file} exists; valid: a new file")
     parts = [of_recording(path) for path in recordings or ()]

@@ -66,6 +66,8 @@ def of_recording(path: str | Path) -> Examples:
     from tci.touches.events import read_touches
 
     path = Path(path)
+    if not path.is_file():
+        raise CommandError(f"{path}: no such file; valid: a recording (.mcap)")
     beside = [path.with_suffix(suffix) for suffix in LABELS if path.with_suffix(suffix).exists()]
     if not beside:
         valid = path.with_suffix(".tsv").name

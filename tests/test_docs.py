@@ -70,8 +70,10 @@ def anchors(page: Path) -> set[str]:
 
 
 def test_every_page_can_be_found() -> None:
-    index = (DOCS / "index.md").read_text().splitlines()
-    assert {page.stem for page in PAGES} - {"index"} <= set(index)
+    index = (DOCS / "index.md").read_text()
+    pages = {page.stem for page in PAGES} - {"index"}
+    assert pages <= set(index.splitlines())
+    assert pages <= set(re.findall(r"\]\(([\w-]+)\.md\)", index.partition("## All pages")[2]))
 
 
 def test_the_reference_has_each_public_name_once() -> None:

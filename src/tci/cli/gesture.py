@@ -143,6 +143,8 @@ def field(
     from tci.lab.authoring.learn_field import add_field, learn_field
     from tci.robot.generic_arm import JOINTS
 
+    if target.suffix.lower() != ".toml" or not target.parent.is_dir():
+        raise CommandError(f"{target} can't hold fields; valid: a .toml file in a folder that exists")
     imported = load(source)
     plain = re.sub(r"[^a-z0-9]+", "_", re.sub(r"^(left|right) ", "", place.lower())).strip("_")
     learnt = learn_field(imported.gesture, place, name or plain, at=at)

@@ -97,6 +97,9 @@ def test_a_learnt_file_runs_and_grows(learnt: tuple[Path, dict[str, object]], tm
     reflex = load_capability(str(file))
     assert isinstance(reflex, WithdrawalReflex)
     assert [field.name for field in reflex.fields] == ["forearm_outside", "elbow"]
+    text = str(file.with_suffix(".txt"))
+    refused = tci("gesture", "field", f"{tmp_path}/poked.bvh", text, "--place", "left elbow", status=1)
+    assert "valid: a .toml file" in refused
     said = tci("run", str(file), "nao", "--poke", "--duration", "1.5")
     assert "touched" in said
 

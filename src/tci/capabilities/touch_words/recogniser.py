@@ -70,6 +70,8 @@ class Recogniser:
 def read_recogniser(path: str | Path) -> Recogniser:
     """Raises DescriptionError if the file is not a recogniser of this version."""
     try:
+        if Path(path).is_file() and not zipfile.is_zipfile(path):
+            raise ValueError("it is no .npz file; valid: one from tci words train")
         with np.load(path, allow_pickle=False) as file:
             arrays: dict[str, NDArray[Any]] = dict(file)
         if int(arrays["version"]) != VERSION or tuple(arrays["features"].tolist()) != NAMES:

@@ -66,7 +66,7 @@ def learn_field(gesture: Gesture, words: str, name: str, *, at: float | None = N
     motion = angles[end] - angles[start]
     if np.abs(motion).max() < LEAST:
         raise CommandError(
-            f"the {side} arm turns by at most {np.rad2deg(np.abs(motion).max()):.0f} degrees within "
+            f"the {side} arm turns by at most {np.rad2deg(np.abs(motion).max()):.1f} degrees within "
             f"{LASTS:g} s of {gesture.times[start]:.2f} s: no withdrawal; "
             f"valid: {np.rad2deg(LEAST):.0f} degrees or more"
         )

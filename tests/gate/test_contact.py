@@ -19,8 +19,10 @@ from helpers.squeezed import draw, squeeze
 from tci.body.generic_body import GenericBody, order_to_platform
 from tci.capabilities.capability import Capability
 from tci.errors import CommandError, UnknownNameError
+from tci.gate.contact import reaction
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.gate import Gate, GateSettings, GateState
+from tci.gate.joint_monitor import Reference
 from tci.messages import (
     Contacts,
     ExpectContact,
@@ -90,6 +92,19 @@ def test_a_held_joint_goes_back_and_is_told() -> None:
     assert "joint2 is held" in held.told[0]
     assert held.sent[2] < held.at - np.deg2rad(2.0), "nothing presses"
     assert held.gate.state is GateState.RUN
+
+
+def test_a_joint_that_a_weight_bends_hides_no_other_that_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each is judged by its own bound: here 2.9 of 3.9 degrees, and 2.2 of 2."""
+    monkeypatch.setattr(reaction, "bends", lambda *_: np.deg2rad([0.0, 2.6, 0.0, 0.0, 0.0, 0.0]))
+    meets = reaction.ContactReaction(make_robot(), [0] * 6, ContactSettings(stands=False))
+    told, own = list[Reason](), np.arange(6)
+    for step in range(60):
+        now, rates = step * PERIOD, np.array([0.0, 0.0, 0.3, 0.0, 0.0, 0.0])
+        angles = rates * max(now - ContactSettings().lag, 0.0) - np.deg2rad([0.0, 2.9, 2.2, 0.0, 0.0, 0.0])
+        asked = Reference(own, (Mode.POSITION,) * 6, now * rates, rates)
+        told += meets.step(reading(angles, now), asked, now, None)[1]
+    assert "joint2 is held 2.2 degrees behind" in told[0].text
 
 
 def test_without_the_answer_it_presses_for_ever() -> None:

@@ -39,9 +39,11 @@ class Seen(NamedTuple):
     own: NDArray[np.bool_]
     """Which of them follow a reference (k,)."""
     worst: int
-    """The one that follows least."""
+    """The one whose error is the largest part of what it may be."""
     error: float
     """By how much [rad]."""
+    bound: float
+    """Error [rad] beyond which it counts as held."""
     excused: float
     """Angle [rad] by which a weight may bend it at rest."""
     felt: Felt
@@ -49,6 +51,14 @@ class Seen(NamedTuple):
     """The servo that nobody commands and that left its place by most."""
     bent: float
     """By how much [rad]; 0 if a weight may have bent it."""
+
+
+def bounds(excused: Array, settings: ContactSettings, *, rests: bool) -> Array:
+    """Errors (k,) [rad] beyond which joints count as held that a weight may bend by `excused` (k,) [rad]. A
+    group that `rests` has done so for so long that nothing lags any more."""
+    least, shaken = (AT_REST, 1.0) if rests else (1.0, SHAKEN)
+    found: Array = np.maximum(settings.held * least, np.minimum(shaken * excused, MOST))
+    return found
 
 
 @dataclass(slots=True)
@@ -64,11 +74,9 @@ class Noticing:
     held: bool = False
     """A joint that follows a reference is held, by the latest reading."""
 
-    def look(self, seen: Seen, settings: ContactSettings, *, moves: bool, rests: bool) -> None:
-        """Notes a reading. The group `moves`, or did a moment ago, or `rests` for so long that nothing lags
-        any more."""
-        least, shaken = (AT_REST, 1.0) if rests else (1.0, SHAKEN)
-        self.held = seen.error > max(settings.held * least, min(shaken * seen.excused, MOST))
+    def look(self, seen: Seen, settings: ContactSettings, *, moves: bool) -> None:
+        """Notes a reading. The group `moves`, or did a moment ago."""
+        self.held = seen.error > seen.bound
         if seen.error < CLEAR * settings.held:
             self.clear = seen.joints.stamp
         # somebody who moves it while the others rest does so on purpose

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from tci.errors import UnknownNameError
 from tci.gate.contact.felt import Felt, FeltForces
 from tci.gate.contact.following import CLEAR, PROGRESS, Following
-from tci.gate.contact.noticing import EARLIER, Noticing, Seen
+from tci.gate.contact.noticing import EARLIER, Noticing, Seen, bounds
 from tci.gate.contact.others import First
 from tci.gate.contact.path import Path
 from tci.gate.contact.settings import ContactSettings
@@ -235,14 +235,17 @@ class ContactReaction:
             if not own.any():
                 continue
             excused = self._excused[group.servos]
-            worst = int(np.nanargmax(error[group.servos] / np.maximum(excused, self._settings.held)))
+            rests = self._now - group.moved > self._settings.lag + PROGRESS
+            bound = bounds(excused, self._settings, rests=rests)
+            # by its own bound: else a joint that a weight bends hides another one that somebody holds
+            worst = int(np.nanargmax(error[group.servos] / bound))
             left = np.nan_to_num(bent[group.servos])
             left[left < excused] = 0.0
             seen = Seen(
                 joints, reference, group.servos, joints.position[group.servos],
                 self._following.pull[group.servos], own, int(group.servos[worst]),
-                float(error[group.servos[worst]]), float(excused[worst]), felt.get(number, Felt()),
-                int(group.servos[np.argmax(left)]), float(left.max()),
+                float(error[group.servos[worst]]), float(bound[worst]), float(excused[worst]),
+                felt.get(number, Felt()), int(group.servos[np.argmax(left)]), float(left.max()),
             )  # fmt: skip
             goal: Array | None
             if group.goal is None:
@@ -268,9 +271,8 @@ class ContactReaction:
 
     def _look(self, group: _Group, seen: Seen, *, freeing: bool) -> tuple[Array | None, Reason | None]:
         """At a group that nothing has met so far: where it must go, and why."""
-        rests = self._now - group.moved > self._settings.lag + PROGRESS
         noticing = group.noticing
-        noticing.look(seen, self._settings, moves=self._moves_now(group), rests=rests)
+        noticing.look(seen, self._settings, moves=self._moves_now(group))
         allowed = group.expected if self._now < group.until else 0.0
         expected = LIGHT < seen.felt.force <= allowed
         pulled, what = False, f"{seen.felt.force:.0f} N on its skin"

@@ -73,6 +73,8 @@ def test_the_physics_is_watched_too() -> None:
     assert any("joint3" in fault for fault in physics_violations(robot, out, still))
     assert any("joint4" in fault for fault in physics_violations(robot, still, fast))
     assert physics_violations(robot, out, fast, without=(out, fast)) == []
+    excused = physics_violations(robot, out, fast, without=(out, fast), commanded=[3])
+    assert len(excused) == 1, "what is commanded may not be pushed beyond its limits either"
     assert physics_violations(robot, out + 0.01, fast, without=(out, fast))
     assert physics_violations(robot, out, fast * 1.1, without=(out, fast))
     assert physics_violations(robot, out, fast, without=(still, still))

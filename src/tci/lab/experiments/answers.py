@@ -65,6 +65,8 @@ class Answer:
     """True if it also moves them untouched."""
     led: bool = False
     """True if the finger already moves the joints when the first command comes."""
+    weak: bool = False
+    """True if a finger may push its joints beyond their limits while they are commanded: they yield to it."""
     posture: Callable[[Robot], Mapping[str, Array]] = field(default=lambda robot: {})
     """How the robot stands before the poke: generic angles [rad] by part."""
 
@@ -137,7 +139,7 @@ def _relaxed(robot: Robot) -> dict[str, Array]:
     return {part: FingerReflex().relaxed(part, body) for part in body.parts("fingers")}
 
 
-LETS_GO = Answer("finger-reflex", FingerReflex(), Still(), _goes_away, posture=_relaxed)
+LETS_GO = Answer("finger-reflex", FingerReflex(), Still(), _goes_away, weak=True, posture=_relaxed)
 HOLDS = replace(LETS_GO, shown=_closes)
 STOPS = Answer("head-stop", HEAD_STOP, HEAD_STOP.inner, _stands, _arms, moves_before=True)
-LED = Answer("soft-hands", SoftHands(), Still(), _led, led=True)
+LED = Answer("soft-hands", SoftHands(), Still(), _led, led=True, weak=True)

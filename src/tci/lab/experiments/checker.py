@@ -123,8 +123,9 @@ def stray_servos(robot: Robot, parts: Collection[str], sent: Sequence[SafeComman
 
 
 def physics_violations(
-    robot: Robot, positions: Array, velocities: Array, *, without: tuple[Array, Array] | None = None
-) -> list[str]:
+    robot: Robot, positions: Array, velocities: Array, *, without: tuple[Array, Array] | None = None,
+    commanded: Collection[int] = (),
+) -> list[str]:  # fmt: skip
     """Returns one sentence for each limit that a simulated joint violates.
 
     Args:
@@ -133,22 +134,20 @@ def physics_violations(
         velocities: Speeds (samples, n_servos) [rad/s].
         without: Angles and speeds of the same robot that was pushed alike but sent no motion. What the push
             alone does to a joint, such as a weak finger's, is no fault of the commands; anything beyond is.
+        commanded: Servos that were sent somewhere, so that no push excuses them.
     """
     faults = []
     for servo in robot.servos:
         limits, own = servo.limits, servo.index
         outside, speed = _beyond(servo, positions), float(np.abs(velocities[:, own]).max())
-        pushed = 0.0 if without is None else max(_beyond(servo, without[0]), 0.0)
+        pushed, fastest = 0.0, limits.velocity
+        if without is not None and own not in commanded:
+            pushed = max(_beyond(servo, without[0]), 0.0)
+            fastest = None if fastest is None else max(fastest, float(np.abs(without[1][:, own]).max()))
         if not outside <= pushed + STOP_TOLERANCE:
             faults.append(f"{servo.name}: moved {np.rad2deg(outside):.2f} degrees beyond its limits")
-        if limits.velocity is not None:
-            fastest = (
-                limits.velocity
-                if without is None
-                else max(limits.velocity, float(np.abs(without[1][:, own]).max()))
-            )
-            if not speed <= fastest * (1.0 + PUSHED):
-                faults.append(f"{servo.name}: moved at {speed:.3f} rad/s; valid: at most {fastest:.3f}")
+        if fastest is not None and not speed <= fastest * (1.0 + PUSHED):
+            faults.append(f"{servo.name}: moved at {speed:.3f} rad/s; valid: at most {fastest:.3f}")
     return faults
 
 

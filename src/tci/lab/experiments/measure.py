@@ -73,25 +73,26 @@ def measure(
     """
     period = 1.0 / robot.binding("sim").rate
     contact = acted.first_contact
-    commanded = [
+    began = [
         stamp
         for stamp, _ in acted.commanded
         if not answer.moves_before or (contact is not None and stamp >= contact)
     ]
     violations: dict[str, None] = {}
     halts: dict[str, None] = {}
-    with_reflex, without = [(np.array(one.positions), np.array(one.velocities)) for one in (acted, held)]
+    without = np.array(held.positions), np.array(held.velocities)
     untouched = sum(stamp < (held.first_contact or np.inf) for stamp in held.time)
-    found = physics_violations(robot, *with_reflex, without=without)
-    if untouched:
-        found += physics_violations(robot, *(one[:untouched] for one in without))
     for trace in (acted, held):
+        moved = np.array(trace.positions), np.array(trace.velocities)
+        commanded = {servo for sent in trace.sent for servo in sent.servos.tolist() if not answer.weak}
         violations |= dict.fromkeys(
             command_violations(robot, trace.sent, trace.positions, period, led=answer.led)
             + stray_servos(robot, answer.moves(robot, part), trace.sent)
+            + physics_violations(robot, *moved, without=without, commanded=commanded)
         )
         halts |= dict.fromkeys(f"{sent.state.value}: {sent.reason}" for sent in trace.sent if sent.reason)
-    violations |= dict.fromkeys(found)
+    if untouched:
+        violations |= dict.fromkeys(physics_violations(robot, *(one[:untouched] for one in without)))
     return Trial(
         robot=robot.name,
         part=part,
@@ -101,7 +102,7 @@ def measure(
         depth_mm=round(acted.depth * 1e3, 3),
         responded=answer.shown(robot, part, acted, held),
         capability=answer.name,
-        trigger_ms=_milliseconds(commanded[0] if commanded else None, contact),
+        trigger_ms=_milliseconds(began[0] if began else None, contact),
         first_motion_ms=_milliseconds(_first_motion(acted, held), contact),
         contact_lost_ms=_milliseconds(acted.contact_lost, contact),
         contact_lost_without_reflex_ms=_milliseconds(held.contact_lost, contact),

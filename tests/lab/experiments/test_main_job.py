@@ -104,7 +104,8 @@ def assert_figures(trials: Sequence[Trial], *, first_motion_ms: float) -> None:
         assert trial.contact_lost_ms is not None, trial
         assert trial.contact_lost_ms <= 500.0, trial
         assert trial.contact_lost_without_reflex_ms is None, trial
-        farther = min(5.0, 0.5 * trial.depth_mm)  # 5 mm but near the shoulder, where the finger is shallower
+        # 5 mm but near the shoulder, where the finger is shallower
+        farther = max(2.0, min(5.0, 0.5 * trial.depth_mm))
         assert trial.withdrawn_mm >= trial.withdrawn_without_reflex_mm + farther, trial
         assert trial.limit_violations == 0, trial.violations
         assert not trial.halts

@@ -46,6 +46,7 @@ def test_gestures_are_told_as_on_a_real_nao() -> None:
         wait(1.2)
         assert memory.getListData(["ALTactileGesture/Gesture"]) == [None]
         wait(0.9, Rear=1.0)
+        memory.removeData("ALTactileGesture/Gesture")  # as any client may
         wait(0.4, Rear=0.0)
         wait(0.1, Front=1.0, Middle=1.0)
         wait(0.4, Front=0.0, Middle=0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import qi
@@ -69,7 +70,8 @@ class ALTactileGesture:
         state = "".join("1" if isinstance(one, int | float) and one > 0.5 else "0" for one in pressed)
         for key in [key for key, until in self._shown.items() if now >= until]:
             del self._shown[key]
-            self._memory.removeData(key)
+            with suppress(KeyError):  # a client has removed it
+                self._memory.removeData(key)
         with self._lock:
             self._strokes, told, over = follow(self._strokes, state, now, self._gestures)
         if told:
@@ -80,7 +82,8 @@ class ALTactileGesture:
             self.onRelease()
 
     def _show(self, key: str, value: Any, now: float) -> None:
-        self._memory.insertData(key, value)
+        with suppress(ValueError):  # clients have filled it
+            self._memory.insertData(key, value)
         self._shown[key] = now + SHOWN
 
 

@@ -261,7 +261,7 @@ def _five_lines(robot: Robot, target: Path) -> tuple[str, bool]:
         return "no skin", False
     words = [sys.executable, "-c", FIVE_LINES, str(target), patches[0].name, str(patches[0].channels // 2)]
     done = subprocess.run(words, capture_output=True, text=True, timeout=600, check=False)
-    said = done.stdout.strip() or done.stderr.strip()[-600:]
+    said = done.stdout.strip() or (done.stderr.strip().splitlines() or ["nothing"])[-1]  # no traceback
     return said, done.returncode == 0 and "moved" in said
 
 

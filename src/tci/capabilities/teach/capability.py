@@ -111,7 +111,9 @@ class Teach(Capability[Taught]):
     feel: Feel = field(default_factory=Feel)
     """What a guided arm feels like."""
     most: float = 15.0
-    """Force [N] of one contact up to which it handles it."""
+    """Force [N] of one contact up to which it handles it. A guided arm that is pressed harder is
+    answered by the layer below alone, up to `GUIDED`, for the half second in which an `ExpectContact`
+    expires."""
     softness: float = 0.2
     """Stiffness of a held limb that has only switches, as a fraction of full stiffness (as `SoftHands`)."""
     approach: float = 0.15

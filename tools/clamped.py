@@ -1,7 +1,4 @@
-"""Draws the force on somebody who can't give way before a moving arm, without and with the gate's answer.
-
-python tools/clamped.py [FILE.png] by default out/clamped-person.png
-"""
+"""Draws the force on somebody who can't give way before a moving arm, without and with the gate's answer."""
 
 from __future__ import annotations
 
@@ -54,10 +51,3 @@ def picture(file: Path) -> None:
     axes.legend(loc="upper right", frameon=False)
     figure.savefig(file, dpi=110)
     plt.close(figure)
-
-
-if __name__ == "__main__":
-    target = Path(sys.argv[1] if len(sys.argv) > 1 else "out/clamped-person.png")
-    target.parent.mkdir(parents=True, exist_ok=True)
-    picture(target)
-    print(target)

@@ -1,7 +1,4 @@
-"""Draws what a gentle arm presses with when it meets partners of three stiffnesses.
-
-python tools/gentle.py [FILE.png] by default out/gentle.png
-"""
+"""Draws what a gentle arm presses with when it meets partners of three stiffnesses."""
 
 from __future__ import annotations
 
@@ -35,10 +32,3 @@ def picture(file: Path) -> None:
     axes.legend(loc="upper right", frameon=False)
     figure.savefig(file, dpi=110)
     plt.close(figure)
-
-
-if __name__ == "__main__":
-    target = Path(sys.argv[1] if len(sys.argv) > 1 else "out/gentle.png")
-    target.parent.mkdir(parents=True, exist_ok=True)
-    picture(target)
-    print(target)

@@ -1,7 +1,4 @@
-"""Draws the force of a hand that guides a Talos' arm, and what the arm repeats.
-
-python tools/teach.py [FILE.png] by default out/teach.png
-"""
+"""Draws the force of a hand that guides a Talos' arm, and what the arm repeats."""
 
 from __future__ import annotations
 
@@ -45,10 +42,3 @@ def picture(file: Path) -> None:
     right.legend(frameon=False, fontsize=8)
     figure.savefig(file, dpi=110)
     plt.close(figure)
-
-
-if __name__ == "__main__":
-    target = Path(sys.argv[1] if len(sys.argv) > 1 else "out/teach.png")
-    target.parent.mkdir(parents=True, exist_ok=True)
-    picture(target)
-    print(target)

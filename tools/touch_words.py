@@ -49,7 +49,3 @@ def draw(path: Path) -> None:
     figure.savefig(path, dpi=100)
     Image.open(path).convert("RGB").quantize(48).save(path, optimize=True)
     plt.close(figure)
-
-
-if __name__ == "__main__":
-    draw(Path(sys.argv[1]))

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import tci.batch
+from helpers.rested import rested
 from tci.batch import Answers, MujocoWorlds
 from tci.batch.limiter import BatchLimiter
-from tci.body.perceiver import Perceiver
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.messages import PlatformCommand, Reading
 from tci.simulation.world import World
@@ -60,13 +60,3 @@ def test_reflexes_begin_and_end_as_in_single_worlds(name: str, seconds: float) -
                 begun += its[part].started == perception.stamp
             one.advance((tick + 1) * PERIOD)
     assert begun >= len(TAXELS) * (2 if seconds > 2.4 else 1)
-
-
-def rested(scene: tci.batch.BatchScene) -> Perceiver:
-    """A perceiver that knows the skin at rest."""
-    one, perceiver = World(scene.robot, step=STEP), Perceiver(scene.body)
-    for k in range(110):
-        joints = dataclasses.replace(one.joints(), stamp=0.01 * k)
-        frames = tuple(dataclasses.replace(f, stamp=0.01 * k, sequence=k) for f in one.frames())
-        perceiver.step(Reading(joints, frames), joints.stamp)
-    return perceiver

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import tci.batch
+from helpers.rested import rested
 from tci.batch.cpu import MujocoWorlds
-from tci.body.perceiver import Perceiver
 from tci.errors import CommandError, TciError, UnknownNameError
 from tci.messages import Reading
 from tci.simulation.world import World
@@ -92,16 +92,6 @@ def test_pokes_and_contacts_equal_those_of_single_worlds(worlds: MujocoWorlds) -
                 np.testing.assert_allclose(mine.f_T, its.f_T, rtol=0.0, atol=1e-6 * its.force)
                 count += 1
     assert count > 5 * len(alone)
-
-
-def rested(scene: tci.batch.BatchScene) -> Perceiver:
-    """A perceiver that knows the skin at rest."""
-    one, perceiver = World(scene.robot, step=STEP), Perceiver(scene.body)
-    for k in range(110):
-        joints = dataclasses.replace(one.joints(), stamp=0.01 * k)
-        frames = tuple(dataclasses.replace(f, stamp=0.01 * k, sequence=k) for f in one.frames())
-        perceiver.step(Reading(joints, frames), joints.stamp)
-    return perceiver
 
 
 def test_only_the_worlds_that_are_meant_are_poked_and_reset(worlds: MujocoWorlds) -> None:

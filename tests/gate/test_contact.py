@@ -471,14 +471,20 @@ def test_a_clamped_person_is_freed(name: str, seed: int) -> None:
     assert after.state == "RUN"
 
 
-def test_going_back_from_one_person_the_arm_does_not_stay_pressed_against_another() -> None:
-    """Without a look at the way back, 120 N were left on the second after half a second, 27 N after two."""
-    robot = load_robot("icub")
-    after = squeeze(robot, draw(robot, 35), settings=ANSWERS, behind=0.00676)
+@pytest.mark.parametrize(
+    ("name", "seed", "behind", "most"), [("icub", 35, 0.00676, 15.0), ("talos", 71, 0.005068, 30.0)]
+)
+def test_going_back_from_one_person_the_arm_does_not_stay_pressed_against_another(
+    name: str, seed: int, behind: float, most: float
+) -> None:
+    """Without a look at the way back, 120 N were left on iCub's second after half a second, 27 N after two.
+    Talos' wrist, which nobody commands and no skin covers, left 77 and 49 N."""
+    robot = load_robot(name)
+    after = squeeze(robot, draw(robot, seed), settings=ANSWERS, behind=behind)
     _, half, late = after.other
     assert after.other[0] > 1.0, "the second must be met"
     assert max(after.half, half) <= 65.0
-    assert max(after.late, late) <= 15.0
+    assert max(after.late, late) <= most
 
 
 class Waves(Capability[int]):

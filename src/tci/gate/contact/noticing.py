@@ -47,10 +47,18 @@ class Seen(NamedTuple):
     excused: float
     """Angle [rad] by which a weight may bend it at rest."""
     felt: Felt
-    loosest: int
-    """The servo that nobody commands and that left its place by most."""
-    bent: float
-    """By how much [rad]; 0 if a weight may have bent it."""
+    loose: Array
+    """By how much each that nobody commands left its place (k,) [rad]; 0 if a weight may have bent it."""
+
+    @property
+    def loosest(self) -> int:
+        """The servo that nobody commands and that left its place by most."""
+        return int(self.servos[np.argmax(self.loose)])
+
+    @property
+    def bent(self) -> float:
+        """By how much [rad]."""
+        return float(self.loose.max())
 
 
 def bounds(excused: Array, settings: ContactSettings, *, rests: bool) -> Array:

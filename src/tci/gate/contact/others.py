@@ -12,18 +12,33 @@ FELT_LATE = 0.2
 ROOM = 0.2
 """Fraction of the way to the first person by which a part leaves a second one, whom it met on its way back:
 at 0.5 it pressed the first again where they stand 5 mm apart, at 0 the second."""
+STEPS = 4
+"""So often it leaves the second by as much, while they bend a joint: once more, and it is at the first."""
 
 
 class First:
     """Whom a group met first, so that whoever else it meets on its way back is told from them."""
 
-    def __init__(self, contacts: Mapping[int, Array], seen: Seen, now: float) -> None:
-        """`contacts` are the normals (3,) of those that it met, by their identity; empty if only joints told
-        of them, until skin feels them, too."""
+    def __init__(
+        self, contacts: Mapping[int, Array], seen: Seen, now: float, *, away: Array | None = None
+    ) -> None:
+        """Notes whom it met.
+
+        Args:
+            contacts: normals (3,) of those that it met, by their identity; empty if only joints told of them,
+                until skin feels them, too.
+            seen: what the reading says.
+            now: time [s].
+            away: way (k,) [rad] from them towards whom it met before; None if there is nobody.
+        """
         self._contacts, self._begun = contacts, now
         self._there, self._pull = seen.here, seen.pull
         self._pressed = seen.pull != 0.0
+        self._away = away
+        self.steps = 0 if away is None else STEPS
+        """How often it may still go towards whom it met before."""
         self._behind = 0
+        self._loose = None if away is None else seen.loose
 
     def meets_another(
         self, seen: Seen, goal: Array, side: Array, *, held: float, felt: float, now: float
@@ -45,6 +60,18 @@ class First:
         first, another = seen.felt.other_than(self._contacts)
         return self._behind >= TWICE or another > max(felt, first)
 
+    def bends_more(self, seen: Seen, held: float) -> bool:
+        """True if the latest way back, which is over, bent a joint that nobody commands further, by `held`
+        [rad]."""
+        before, self._loose = self._loose, seen.loose
+        return before is not None and bool((seen.loose > before + held).any())
+
+    def next(self, seen: Seen, now: float) -> First:
+        """Another, whom it meets on its way back."""
+        return First(seen.felt.of(()), seen, now, away=ROOM * (self._there - seen.here))
+
     def room(self, here: Array) -> Array:
-        """Where the group goes from the second, a little towards the first (k,) [rad]."""
-        return here + ROOM * (self._there - here)
+        """Where the group goes from a second person, a little towards the first (k,) [rad]."""
+        assert self._away is not None
+        self.steps -= 1
+        return here + self._away

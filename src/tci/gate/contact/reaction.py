@@ -245,7 +245,7 @@ class ContactReaction:
                 joints, reference, group.servos, joints.position[group.servos],
                 self._following.pull[group.servos], own, int(group.servos[worst]),
                 float(error[group.servos[worst]]), float(bound[worst]), float(excused[worst]),
-                felt.get(number, Felt()), int(group.servos[np.argmax(left)]), float(left.max()),
+                felt.get(number, Felt()), left,
             )  # fmt: skip
             goal: Array | None
             if group.goal is None:
@@ -349,22 +349,24 @@ class ContactReaction:
                 seen, group.goal, self._following.side, held=settings.held, felt=settings.felt, now=self._now
             ):
                 return None
-            group.path.clear()
-            room = group.first.room(here)
-            group.first = First(seen.felt.of(()), seen, self._now)
-            return group.goes(room)
+            return self._leave(group, seen)
         group.since = min(group.since, self._now)
         if self._now - group.since < SETTLES:
             return None
         held = seen.error > CLEAR * settings.held
         # a joint that nobody commands may have been moved on purpose: it is a reason to go on, not to wait
-        bent = bool(group.path) and seen.bent > settings.held
+        bent = (bool(group.path) or group.first.steps > 0) and seen.bent > settings.held
         if held or bent or seen.felt.force > LIGHT:
             group.free = None
             if group.answer == "stop" and not group.slow:
                 return None
-            if group.path and (group.answer == "retreat" or group.slow):
-                return group.goes(self._back(group, seen, np.inf, pulled=held))
+            if group.answer == "retreat" or group.slow:
+                if bent and not held and group.first.bends_more(seen, settings.held):
+                    return self._leave(group, seen)
+                if group.path:
+                    return group.goes(self._back(group, seen, np.inf, pulled=held))
+                if bent and not held:
+                    return group.goes(group.first.room(here))
             # nowhere to go: the reference goes where the joint is
             return None if np.array_equal(here, group.goal) else group.goes(here)
         group.free = self._now if group.free is None else group.free
@@ -372,6 +374,13 @@ class ContactReaction:
             group.goal, group.first, group.slow = None, None, False
             group.path.clear()
         return None
+
+    def _leave(self, group: _Group, seen: Seen) -> Array:
+        """From somebody whom the group met on its way back: where it goes."""
+        assert group.first is not None
+        group.path.clear()
+        group.first = group.first.next(seen, self._now)
+        return group.goes(group.first.room(seen.here))
 
     def _walk_all(self, joints: JointReading, reference: Reference) -> None:
         for group in self._groups.values():

@@ -63,6 +63,12 @@ def test_a_touch_that_the_capability_does_not_answer_is_said() -> None:
     assert "gave no command" not in told_by(*POKED)
 
 
+def test_a_poked_finger_is_half_bent_so_the_hand_lets_go() -> None:
+    told = json.loads(told_by("run", "finger-reflex", "g1-inspire", "--poke", "--duration", "1.2", "--json"))
+    assert "left_fingers lets go" in " ".join(event["words"] for event in told["events"])
+    assert max(told["moved_rad"].values()) > np.deg2rad(20.0)
+
+
 def test_a_run_that_ends_in_motion_says_so() -> None:
     told = json.loads(told_by(*POKED[:-1], "0.33", "--json"))
     assert told["worst"] == told["state"] == "run"

@@ -150,6 +150,8 @@ def run_capability(
     described = load_robot(robot)
     asked = ask(described, touch, touches)
     options = {} if asked is None else asked.options(via)
+    if via == "sim" and (posture := sessions.hanging(capability, described)):
+        options = {**options, "posture": posture}
     driver = connect(described, via, arm=arm or moves_nothing_real(via), **options)
     view = RunView(quiet=as_json)
     with driver, told_here(), ExitStack() as closing:

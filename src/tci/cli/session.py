@@ -11,9 +11,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from tci.body.generic_body import GenericBody
 from tci.body.touchable import touchable
-from tci.capabilities.capability import Capability
+from tci.capabilities.capability import Capability, lacks
 from tci.capabilities.fields import default_fields
+from tci.capabilities.finger_reflex.capability import FingerReflex
+from tci.capabilities.wrapper import CapabilityWrapper
 from tci.cli.run_log import Event, RunLog
 from tci.drivers.combined_server import JOIN
 from tci.drivers.driver import Driver
@@ -23,8 +26,10 @@ from tci.errors import CommandError
 from tci.gate.gate import GateState
 from tci.lab.faults.fault_injector import FaultInjector, FaultPlan
 from tci.lab.faults.injectors import INJECTORS, THREAD
+from tci.messages.frames import Array
 from tci.reasons import OTHERS, Code, Reason, ReasonCounter
 from tci.recording.recorder import Recorder
+from tci.robot.description import Robot
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.result import RunResult
@@ -213,6 +218,17 @@ def recorder_for(
 def about_capability(name: str, capability: Capability[object]) -> dict[str, str]:
     """Returns metadata for a recording: the name and the settings of the capability that ran."""
     return {"capability": name, "settings": repr(capability)}
+
+
+def hanging(capability: Capability[Any], robot: Robot) -> dict[str, Array]:
+    """The angles [rad] in which a simulated robot's hands hang before it is touched, by part: half bent for
+    `FingerReflex`, which else bends them first, away from the finger that comes."""
+    while isinstance(capability, CapabilityWrapper):
+        capability = capability.inner
+    if not isinstance(capability, FingerReflex) or lacks(capability, robot):
+        return {}
+    body = GenericBody(robot)
+    return {hand: capability.relaxed(hand, body) for hand in body.parts("fingers")}
 
 
 def poke_skin(driver: Driver, capability: Capability[Any] | None = None) -> str:

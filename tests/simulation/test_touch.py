@@ -203,7 +203,7 @@ def test_more_contacts_than_slots_are_an_error_not_a_smaller_force(nao: World) -
     nao.refresh()
     nao.data.sensordata[nao.model.sensor(skin_geom(patch)).adr[0]] = SLOTS + 1
     with pytest.raises(TciError, match=rf"{SLOTS + 1} contacts on .* valid: up to {SLOTS}"):
-        nao._taxels.vectors(patch)
+        nao.taxels.vectors(patch)
 
 
 def test_noise_comes_from_the_seed() -> None:
@@ -244,15 +244,15 @@ def test_a_list_of_taxels_around_a_contact_hides_none(nao: World) -> None:
     """The finger slides over the skin while the skin turns under the finger."""
     patch = nao.robot.patches[0]
     nao.finger.poke(patch.name, len(nao.surfaces[patch.name].positions) // 2, speed=0.1)
-    spots = nao._taxels.arrays[10]
+    spots = nao.taxels.arrays[10]
     centres = set()
     for step in range(100, 700):
         nao.advance(step * 0.001)
         if step % 100 == 0:
             nao.set_position_targets(np.arange(5), nao.joints().position[:5] + 0.1 * (-1) ** (step // 100))
-        felt = nao._taxels.vectors(patch.name)
+        felt = nao.taxels.vectors(patch.name)
         centres.add(tuple(spots[0, :3]))
         spots[:, at.RADIUS] = -np.inf
-        assert (felt == nao._taxels.vectors(patch.name)).all()
+        assert (felt == nao.taxels.vectors(patch.name)).all()
     assert nao.finger.touching
     assert len(centres) > 1

@@ -148,7 +148,7 @@ def in_contact(what: str, limbs: Robot, faster: dict[int, float]) -> list[Measur
                 nobody = pressed(with_skin_rate(robot, NEVER))
                 rows.append(row(name, "TCI, skin never read", beside(world, nobody), most_ratio=1.25))
         force = world.contact_truth(robot.patches[0].name).force
-        spread = sum(world._taxels.vectors(patch)[:, 2].sum() for patch in world.surfaces)
+        spread = sum(world.taxels.vectors(patch)[:, 2].sum() for patch in world.surfaces)
         assert abs(spread - force) <= 1e-5 * force, (spread, force)
     return rows
 

@@ -44,6 +44,8 @@ class FingerMemory:
     """How each hand holds."""
     open: Mapping[str, LetGo]
     """The hands that let go; the others hang relaxed, or hold."""
+    bend: frozenset[str] = frozenset()
+    """The hands that this step sent to where they hang."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,7 @@ class FingerReflex(Capability[FingerMemory]):
     def step(
         self, memory: FingerMemory, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], FingerMemory]:
-        now, open_ = perception.stamp, dict(memory.open)
+        now, open_, bend = perception.stamp, dict(memory.open), set[str]()
         orders, grips = self.grasp.step(memory.grips, perception, body)
         commands = list(orders)
         for part in body.parts("fingers"):
@@ -100,7 +102,8 @@ class FingerReflex(Capability[FingerMemory]):
                 hangs = self.relaxed(part, body)
                 if not begins or np.abs(perception.posture[part] - hangs).max() > NEAR:
                     commands.append(GenericCommand(part, Mode.POSITION, hangs, self.speed))
-        return tuple(commands), FingerMemory(grips, open_)
+                    bend.add(part)
+        return tuple(commands), FingerMemory(grips, open_, frozenset(bend))
 
     def relaxed(self, part: str, body: GenericBody) -> Array:
         """How a hand hangs: generic angles (n,) [rad]."""
@@ -110,8 +113,8 @@ class FingerReflex(Capability[FingerMemory]):
         return read_only(target)
 
     def claims(self, memory: FingerMemory) -> frozenset[str]:
-        """The hands that hold or let go."""
-        return self.grasp.claims(memory.grips) | frozenset(memory.open)
+        """The hands that hold, let go, or are sent to where they hang."""
+        return self.grasp.claims(memory.grips) | frozenset(memory.open) | memory.bend
 
     def notes(self, memory: FingerMemory) -> tuple[str, ...]:
         return tuple(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -59,9 +58,9 @@ class Track:
 class Tracks:
     """All touches that are not over, and how the robot moves."""
 
-    touches: Mapping[str, Track] = field(default_factory=lambda: MappingProxyType({}))
+    touches: Mapping[str, Track] = field(default_factory=dict)
     """By part."""
-    speeds: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    speeds: Mapping[str, float] = field(default_factory=dict)
     """Speed [rad/s] of the fastest joint of each part; it fades within `BEFORE`."""
     stamp: float = -np.inf
     """Of the latest perception [s]."""
@@ -94,17 +93,17 @@ def follow(tracks: Tracks, perception: Perception, body: GenericBody) -> tuple[T
             over.append(track)
             track = replace(track, told=True, moments=b"")
         after[part] = track
-    return Tracks(MappingProxyType(after), _speeds(tracks, perception, body), now), tuple(over)
+    return Tracks(after, _speeds(tracks, perception, body), now), tuple(over)
 
 
 def _speeds(tracks: Tracks, perception: Perception, body: GenericBody) -> Mapping[str, float]:
     kept = np.exp(-(perception.stamp - tracks.stamp) / BEFORE)
-    return MappingProxyType({
+    return {
         part: max(
             float(np.abs(body.rate(perception, part)).max(initial=0.0)), kept * tracks.speeds.get(part, 0.0)
         )
         for part in perception.posture
-    })  # fmt: skip
+    }
 
 
 def _felt(

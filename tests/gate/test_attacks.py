@@ -44,7 +44,7 @@ def moving(robot: Robot = ROBOT) -> Driven:
 def test_hostile_commands_in_all_modes(name: str, streams: bool) -> None:
     robot = ROBOT if name == "tester" else load_robot(name)
     attack = Attack(robot, seed=5, body=False, streams=streams)
-    for _ in range(5 * CYCLE + 100):
+    for _ in range(8 * CYCLE + 100):
         attack.step()
     assert attack.judge.faults == []
     assert attack.counts.malformed > attack.counts.passed == 0

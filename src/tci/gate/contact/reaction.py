@@ -233,6 +233,9 @@ class ContactReaction:
             if group.goal is None and not self._moves_now(group):
                 self._following.rest(group.servos, joints)
             if not own.any():
+                # in torque mode nothing is behind a reference, so only skin can tell that it is not over
+                if group.goal is not None and felt.get(number, Felt()).force <= LIGHT:
+                    self._release(group)
                 continue
             excused = self._excused[group.servos]
             rests = self._now - group.moved > self._settings.lag + PROGRESS
@@ -337,6 +340,13 @@ class ContactReaction:
         for part in group.parts:
             yield Met(part, seen.felt.force, joint, seen.error if held else 0.0, answer)
 
+    def _release(self, group: _Group) -> None:
+        """A contact seems over: after a while the part obeys again."""
+        group.free = self._now if group.free is None else group.free
+        if self._now - group.free > self._settings.quiet:
+            group.goal, group.first, group.slow = None, None, False
+            group.path.clear()
+
     def _judge(self, group: _Group, seen: Seen) -> Array | None:
         """On a way back, and after it: where to go next, or None."""
         assert group.goal is not None
@@ -369,10 +379,7 @@ class ContactReaction:
                     return group.goes(group.first.room(here))
             # nowhere to go: the reference goes where the joint is
             return None if np.array_equal(here, group.goal) else group.goes(here)
-        group.free = self._now if group.free is None else group.free
-        if self._now - group.free > settings.quiet:
-            group.goal, group.first, group.slow = None, None, False
-            group.path.clear()
+        self._release(group)
         return None
 
     def _leave(self, group: _Group, seen: Seen) -> Array:

@@ -19,7 +19,8 @@ from tci.robot.model_file import load_spec
 def weights(robot: Robot) -> list[tuple[str, float, np.ndarray]]:
     """Returns name, mass [kg] and centre of mass [m] of each body whose mass the model contains."""
     assert robot.model is not None
-    bodies = load_spec(robot.model).bodies
+    spec = load_spec(robot.model)
+    bodies = spec.bodies
     return [(body.name, body.mass, body.ipos.copy()) for body in bodies if body.explicitinertial]
 
 

@@ -61,7 +61,8 @@ def links_of(robot: Robot) -> tuple[KinematicLink, ...]:
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, "no <model>: links need a URDF or MJCF file")])
     model = bare_model(robot.model)
-    heavy = {body.name for body in load_spec(robot.model).bodies if body.explicitinertial}
+    spec = load_spec(robot.model)  # its elements must not outlive it
+    heavy = {body.name for body in spec.bodies if body.explicitinertial}
     servos, _, columns = joints_of(robot, model)
     servo_of = {int(model.dof_jntid[column]): servo for servo, column in zip(servos, columns, strict=True)}
     links = []

@@ -106,9 +106,11 @@ def _weighted_model(description: Model, _: int) -> tuple[mujoco.MjModel, int]:
     if description.torso_link not in links:
         raise UnknownNameError("link of the kinematic model", description.torso_link, links)
     torso = model.body(description.torso_link).id
-    bodies = load_spec(description).bodies
-    heavy = {body.name for body in bodies if body.explicitinertial}
-    shaped = {body.name for body in bodies if any(geom.mass != 0 and geom.density for geom in body.geoms)}
+    spec = load_spec(description)  # its elements must not outlive it
+    heavy = {body.name for body in spec.bodies if body.explicitinertial}
+    shaped = {
+        body.name for body in spec.bodies if any(geom.mass != 0 and geom.density for geom in body.geoms)
+    }
     weighed = (
         "an <inertial>" if description.format == "urdf" else "an <inertial>, or geoms that MuJoCo weighs"
     )

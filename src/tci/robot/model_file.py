@@ -364,7 +364,8 @@ def _mend_masses(spec: mujoco.MjSpec) -> None:
 
 def assumed_masses(model: Model) -> list[str]:
     """Names of the moving links that got `LEAST_MASS`, since their file says no mass or 0."""
-    return [body.name for body in load_spec(model).bodies if body.info == ASSUMED]
+    spec = load_spec(model)  # its elements must not outlive it
+    return [body.name for body in spec.bodies if body.info == ASSUMED]
 
 
 def _is_of_a_mesh(error: ValueError, spec: mujoco.MjSpec) -> bool:

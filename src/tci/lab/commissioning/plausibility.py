@@ -84,7 +84,8 @@ def doubts(robot: Robot) -> list[str]:
 
 
 def _masses(model: Model) -> Iterator[str]:
-    for body in load_spec(model).bodies:
+    spec = load_spec(model)  # its elements must not outlive it
+    for body in spec.bodies:
         if body.explicitinertial and body.mass > HEAVIEST:
             yield f"link {body.name}: mass {body.mass:.3g} kg; valid: at most {HEAVIEST:g} kg, in kg"
 

@@ -28,7 +28,7 @@ def replay(robot: Robot, impact: Impact, *, answered: bool = True) -> float:
     for geom in spec.geoms:
         geom.contype, geom.conaffinity = int(geom.parent.name == impact.link), 0
         geom.solref, geom.solimp, geom.friction = HARD
-    _person(spec, robot, impact)
+    _person(spec, impact)
     model = spec.compile()
     data = mujoco.MjData(model)
     servos, addresses, columns = map(np.array, joints_of(robot, model))
@@ -66,7 +66,7 @@ def replay(robot: Robot, impact: Impact, *, answered: bool = True) -> float:
     return largest
 
 
-def _person(spec: mujoco.MjSpec, robot: Robot, impact: Impact) -> None:
+def _person(spec: mujoco.MjSpec, impact: Impact) -> None:
     """Adds a sphere that gives way along z only: the region's mass, and on its spring the surface."""
     base = spec.worldbody.add_body(name="person", pos=[0.0, 0.0, -50.0])
     base.mass, base.inertia, base.explicitinertial = impact.person.mass, [1.0, 1.0, 1.0], True

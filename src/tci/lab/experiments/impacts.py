@@ -93,9 +93,6 @@ class Impacts:
         if not self._links:
             raise DescriptionError(robot.source, [Fault(0, "no part moves a link that has a shape")])
 
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._links)
-
     def _links_of(self, part: str) -> list[str]:
         """Links with shapes whose last servo is one of the part's."""
         own = set(self._servos(part))

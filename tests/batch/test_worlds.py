@@ -103,6 +103,9 @@ def test_only_the_worlds_that_are_meant_are_poked_and_reset(worlds: MujocoWorlds
     worlds.reset([5])
     worlds.advance(0.04)
     assert np.flatnonzero(worlds.force.any(axis=1)).tolist() == [2]
+    for duration in (-1.0, np.nan, np.inf):
+        with pytest.raises(CommandError, match=f"advanced by {duration} s; valid: 0 or more, finite"):
+            worlds.advance(duration)
     with pytest.raises(CommandError, match="valid: 0 to 15"):
         worlds.poke(patch, 0, worlds=[16])
     with pytest.raises(UnknownNameError, match="tail"):

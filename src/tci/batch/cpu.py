@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -121,7 +120,7 @@ class MujocoWorlds(Worlds):
         self._pokes["active"][ids] = 0
 
     def advance(self, duration: float) -> None:
-        last = self.steps + math.ceil(duration / self.scene.step - 1e-6)
+        last = self.steps + self._steps_in(duration)
         while self.steps < last:
             number, time = self.steps, self.steps * self.scene.step
             if number % self._every == self.phase:

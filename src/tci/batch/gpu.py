@@ -143,8 +143,9 @@ class WarpWorlds(Worlds):
         array.assign(values)
 
     def advance(self, duration: float) -> None:
+        count = self._steps_in(duration)
         with wp.ScopedDevice(self.device):
-            for _ in range(math.ceil(duration / self.scene.step - 1e-6)):
+            for _ in range(count):
                 self._step()
 
     def check(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Literal
@@ -46,8 +47,9 @@ class Worlds(ABC):
 
     @abstractmethod
     def advance(self, duration: float) -> None:
-        """Steps all worlds by `duration` [s], rounded up to whole steps. Raises TciError if a patch has
-        more contacts at a time than its sensor can report."""
+        """Steps all worlds by `duration` [s], rounded up to whole steps. Raises CommandError for a duration
+        below 0 or not finite, and TciError if a patch has more contacts at a time than its sensor can
+        report."""
 
     @abstractmethod
     def send(self, targets: ArrayLike) -> None:
@@ -121,6 +123,11 @@ class Worlds(ABC):
         out = np.einsum("kij,kj->ki", R, normals)
         radius = self.scene.world.finger.radius
         self._place_fingers(ids, at + (radius + gap) * out, -out, fast, deep, gap)
+
+    def _steps_in(self, duration: float) -> int:
+        if not 0.0 <= duration < np.inf:
+            raise CommandError(f"worlds advanced by {duration} s; valid: 0 or more, finite")
+        return math.ceil(duration / self.scene.step - 1e-6)
 
     def ids(self, worlds: ArrayLike | None) -> Ids:
         """Indices (k,) of some worlds, or of all. Raises CommandError for one that is not there."""

@@ -107,6 +107,35 @@ def test_a_joint_that_a_weight_bends_hides_no_other_that_is_held(monkeypatch: py
     assert "joint2 is held 2.2 degrees behind" in told[0].text
 
 
+def test_an_arm_that_carries_a_weight_does_not_sink_after_a_contact(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It sank by 49 degrees. After two ways back it is known for a weight."""
+    monkeypatch.setattr(reaction, "bends", lambda *_: np.deg2rad([0.0, 3.4, 0.0, 0.0, 0.0, 0.0]))
+    held = Held()
+    held.step(position_command([1], [0.0]))
+    for step in range(2500):
+        held.hand[1] = -np.deg2rad(min(0.02 * step, 3.0))
+        held.step(*[position_command([2], [1.5])] * (step == 300))
+    assert held.told
+    assert held.angles[1] > -np.deg2rad(9.1)
+    held.step(position_command([2], [0.2]))
+    assert not held.refused, "the contact is over"
+
+
+def test_a_person_who_bends_a_joint_as_a_weight_might_is_freed_all_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Somebody as stiff as the servo."""
+    monkeypatch.setattr(reaction, "bends", lambda *_: np.deg2rad([0.0, 3.4, 0.0, 0.0, 0.0, 0.0]))
+    held = Held()
+    held.step(position_command([1], [0.0]))
+    for step in range(2500):
+        pressed = np.deg2rad(min(6.0, 0.02 * step)) + held.sent.get(1, 0.0) if step else 0.0
+        held.hand[1] = -0.5 * max(pressed, 0.0)
+        held.step(*[position_command([2], [1.5])] * (step == 300))
+    assert held.told
+    assert -held.hand[1] < np.deg2rad(0.7)
+
+
 def test_without_the_answer_it_presses_for_ever() -> None:
     held = Held(settings=ALONE)
     held.step(position_command([2], [1.5]))

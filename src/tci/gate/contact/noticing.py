@@ -38,17 +38,37 @@ class Seen(NamedTuple):
     """By how much each is behind its reference (k,) [rad]; 0 if that is little."""
     own: NDArray[np.bool_]
     """Which of them follow a reference (k,)."""
-    worst: int
-    """The one whose error is the largest part of what it may be."""
-    error: float
-    """By how much [rad]."""
-    bound: float
-    """Error [rad] beyond which it counts as held."""
-    excused: float
-    """Angle [rad] by which a weight may bend it at rest."""
+    errors: Array
+    """Angle (k,) [rad] of each outside its recent references; NaN without a reference."""
+    bounds: Array
+    """Errors (k,) [rad] beyond which they count as held."""
+    weights: Array
+    """Angles (k,) [rad] by which a weight may bend them at rest."""
+    place: int
+    """That of the servo whose error is the largest part of what it may be. By its own bound: else a joint
+    that a weight bends hides another one that somebody holds."""
     felt: Felt
     loose: Array
     """By how much each that nobody commands left its place (k,) [rad]; 0 if a weight may have bent it."""
+
+    @property
+    def worst(self) -> int:
+        return int(self.servos[self.place])
+
+    @property
+    def error(self) -> float:
+        """By how much [rad]."""
+        return float(self.errors[self.place])
+
+    @property
+    def bound(self) -> float:
+        """Error [rad] beyond which it counts as held."""
+        return float(self.bounds[self.place])
+
+    @property
+    def excused(self) -> float:
+        """Angle [rad] by which a weight may bend it at rest."""
+        return float(self.weights[self.place])
 
     @property
     def loosest(self) -> int:

@@ -26,7 +26,7 @@ from tci.gate.contact.others import First
 from tci.gate.contact.path import Path
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.contact.softness import LIGHT, Softness
-from tci.gate.contact.weights import bends
+from tci.gate.contact.weights import Sag, bends
 from tci.gate.joint_monitor import Reference
 from tci.messages import Answer, Contacts, JointReading, Met
 from tci.messages.frames import Array
@@ -71,6 +71,7 @@ class _Group:
     path: Path = field(default_factory=Path)
     noticing: Noticing = field(default_factory=Noticing)
     softness: Softness = field(default_factory=Softness)
+    sag: Sag = field(default_factory=Sag)
     first: First | None = None
     """Whom it met; None without a reaction."""
     goal: Array | None = None
@@ -240,15 +241,13 @@ class ContactReaction:
             excused = self._excused[group.servos]
             rests = self._now - group.moved > self._settings.lag + PROGRESS
             bound = bounds(excused, self._settings, rests=rests)
-            # by its own bound: else a joint that a weight bends hides another one that somebody holds
-            worst = int(np.nanargmax(error[group.servos] / bound))
+            errors = error[group.servos]
             left = np.nan_to_num(bent[group.servos])
             left[left < excused] = 0.0
             seen = Seen(
                 joints, reference, group.servos, joints.position[group.servos],
-                self._following.pull[group.servos], own, int(group.servos[worst]),
-                float(error[group.servos[worst]]), float(bound[worst]), float(excused[worst]),
-                felt.get(number, Felt()), left,
+                self._following.pull[group.servos], own, errors, bound, excused,
+                int(np.nanargmax(errors / bound)), felt.get(number, Felt()), left,
             )  # fmt: skip
             goal: Array | None
             if group.goal is None:
@@ -298,6 +297,7 @@ class ContactReaction:
                 moves=self._moves(group),
             )  # fmt: skip
             return goal, None
+        group.sag = Sag()
         if group.answer == "retreat" or group.slow:
             goal = self._back(group, seen, before, pulled=pulled)
         elif group.answer == "soft":
@@ -312,7 +312,8 @@ class ContactReaction:
         return group.references(seen.reference, seen.joints.position)
 
     def _back(self, group: _Group, seen: Seen, before: float, *, pulled: bool) -> Array:
-        return group.path.back(seen.here, before, seen.own, seen.pull if pulled else np.zeros(len(seen.pull)))
+        pull = seen.pull if pulled else np.zeros(len(seen.pull))
+        return group.path.back(seen.here, before, seen.own, pull)
 
     def _moves(self, group: _Group) -> bool:
         """True if a group may have made a contact: it moves, or did a moment ago, and not because somebody
@@ -363,7 +364,9 @@ class ContactReaction:
         group.since = min(group.since, self._now)
         if self._now - group.since < SETTLES:
             return None
-        held = seen.error > CLEAR * settings.held
+        clear = CLEAR * settings.held
+        group.sag.look(self._references(group, seen), here, seen.weights)
+        held = bool(((seen.errors > clear) & (np.abs(seen.pull - group.sag.bent) > clear)).any())
         # a joint that nobody commands may have been moved on purpose: it is a reason to go on, not to wait
         bent = (bool(group.path) or group.first.steps > 0) and seen.bent > settings.held
         if held or bent or seen.felt.force > LIGHT:

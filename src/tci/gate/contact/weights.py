@@ -28,6 +28,30 @@ SHAKEN = 1.5
 MOST = float(np.deg2rad(4.0))
 """Angle [rad] beyond which a bend is always a contact: at 6 degrees the joint monitor stops the robot."""
 POSTURES = 32
+ALIKE, COARSE = 0.1, float(np.deg2rad(0.2))
+"""Fraction and angle [rad] by which two bends by one weight differ: its lever, and an encoder's steps."""
+GAVE = 0.5
+"""Fraction of its bend by which a reference must have gone to where the joint was, to tell a weight."""
+
+
+class Sag:
+    """How far weights bend the joints of one group. A weight bends a joint as much after its reference gave
+    way; what a person bends it by falls."""
+
+    def __init__(self) -> None:
+        self.bent: Array | float = 0.0
+        """Angles (k,) [rad] between references and joints that are a weight's doing."""
+        self._last: tuple[Array, Array] | None = None
+
+    def look(self, reference: Array, here: Array, most: Array) -> None:
+        """Notes where joints rest after a way back (k,) [rad], and where they should be. A weight bends each
+        by `most` (k,) [rad] at most."""
+        bent, last = reference - here, self._last
+        self._last = reference, bent
+        if last is not None:
+            gave = (last[0] - reference) * np.sign(last[1]) >= GAVE * np.abs(last[1])
+            alike = np.abs(bent - last[1]) <= np.maximum(ALIKE * np.abs(bent), COARSE)
+            self.bent = np.where(gave & alike & (np.abs(bent) <= most), bent, self.bent)
 
 
 def bends(robot: Robot, loads: Mapping[str, Tool]) -> Array:

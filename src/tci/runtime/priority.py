@@ -21,8 +21,9 @@ def real_time(*, priority: int = PRIORITY, processor: int | None = None) -> Iter
     The system then runs this thread before all threads without real-time priority. If `processor` is given,
     the thread runs only on this processor. Threads and processes that are started inside the `with` block
     inherit the priority. A capability that does not return then blocks the thread's processor for all other
-    programs. Raises TciError if the system does not permit real-time priority. In this case the thread's
-    priority does not change.
+    programs. Linux stops such a thread for 50 ms in each second in which it was busy for more than 95 %
+    (`/proc/sys/kernel/sched_rt_runtime_us`), so a loop must sleep in each period. Raises TciError if the
+    system does not permit real-time priority. In this case the thread's priority does not change.
     """
     if sys.platform != "linux":
         raise TciError(f"real time on {sys.platform}; valid: on Linux")

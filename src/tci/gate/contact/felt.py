@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
-from tci.messages import Contact, Contacts
+from tci.messages import Contacts
 from tci.messages.frames import Array
 
 RAISED = 5.0
@@ -64,30 +64,25 @@ class FeltForces:
         """What each group feels; empty if that is unknown, because frames did not fit."""
         if contacts is None:
             return {}
-        self._known = {contact.identity: self._look_at(contact) for contact in contacts}
-        found: dict[int, Felt] = {}
-        for contact, group in self._pairs(contacts):
-            before, own = found.get(group, Felt()), group in self._known[contact.identity].made_by
-            made = contact.force if own else 0.0
-            all_of_it = {**before.contacts, contact.identity: (contact.force, contact.n_T)}
-            mine = before.own | {contact.identity} if own else before.own
-            found[group] = Felt(max(before.force, contact.force), max(before.made, made), all_of_it, mine)
+        known, found = self._known, dict[int, Felt]()
+        self._known = {}
+        parts = [contacts.sites[site].part for site in contacts.site.tolist()]
+        rows = zip(parts, contacts.identity.tolist(), contacts.force.tolist(), contacts.n_T, strict=True)
+        for part, identity, force, normal in rows:
+            groups = self._parts.get(part, ())
+            now = self._known[identity] = self._look_at(known.get(identity), force, groups)
+            for group in groups:
+                before, own = found.get(group, Felt()), group in now.made_by
+                made = force if own else 0.0
+                all_of_it = {**before.contacts, identity: (force, normal)}
+                mine = before.own | {identity} if own else before.own
+                found[group] = Felt(max(before.force, force), max(before.made, made), all_of_it, mine)
         return found
 
-    def _pairs(self, contacts: Contacts) -> Iterator[tuple[Contact, int]]:
-        for contact in contacts:
-            for group in self._parts.get(contact.part, ()):
-                yield contact, group
-
-    def _look_at(self, contact: Contact) -> _Known:
-        known = self._known.get(contact.identity)
-        mine = self._parts.get(contact.part, ())
-        moving = frozenset(group for group in mine if self._moves(group))
+    def _look_at(self, known: _Known | None, force: float, groups: Collection[int]) -> _Known:
+        moving = frozenset([group for group in groups if self._moves(group)])
         if known is None:
-            return _Known(moving, dict.fromkeys(mine, contact.force))
-        raised = {group for group in moving if contact.force > known.rest.get(group, contact.force) + RAISED}
-        rest = {
-            group: known.rest.get(group, contact.force) if group in moving else contact.force
-            for group in mine
-        }
+            return _Known(moving, dict.fromkeys(groups, force))
+        raised = {group for group in moving if force > known.rest.get(group, force) + RAISED}
+        rest = {group: known.rest.get(group, force) if group in moving else force for group in groups}
         return _Known(known.made_by | raised, rest)

@@ -180,16 +180,14 @@ class Following:
         passed = joints.stamp - since
         times, rows = self._past.times, self._past.rows
         begin = joints.stamp - self._lag
-        inside = (times >= begin) & (times <= joints.stamp)
-        inside[max(int(np.searchsorted(times, begin, side="right")) - 1, 0)] = True
-        low, high = rows[inside].min(axis=0), rows[inside].max(axis=0)
+        first, end = times.searchsorted((begin, joints.stamp), side="right").tolist()
+        recent = rows[max(first - 1, 0) : max(end, first, 1)]
+        low, high = recent.min(axis=0), recent.max(axis=0)
         if self._known:
             allowed = np.where(self.learned, MORE * self._longest + LATER, self._lag)
-            before, now, then = np.split(
-                self._past.at(np.concatenate((joints.stamp - self._tried, joints.stamp - self._few,
-                                              since - self._few))),
-                (LAGS, LAGS + len(self._few)),
-            )  # fmt: skip
+            asked = (joints.stamp - self._tried, joints.stamp - self._few, since - self._few)
+            noted = self._past.at(np.concatenate(asked))
+            before, (now, then) = noted[:LAGS], noted[LAGS:].reshape(2, len(self._few), -1)
             own = np.where(self._tried[:, None] < allowed + 0.5 * self._tried[1], before, np.nan)
             low, high = (
                 np.maximum(low, np.fmin.reduce(own, axis=0)),

@@ -242,12 +242,12 @@ class ContactReaction:
             rests = self._now - group.moved > self._settings.lag + PROGRESS
             bound = bounds(excused, self._settings, rests=rests)
             errors = error[group.servos]
-            left = np.nan_to_num(bent[group.servos])
-            left[left < excused] = 0.0
+            left = bent[group.servos]
+            left[~(left >= excused)] = 0.0
             seen = Seen(
                 joints, reference, group.servos, joints.position[group.servos],
                 self._following.pull[group.servos], own, errors, bound, excused,
-                int(np.nanargmax(errors / bound)), felt.get(number, Felt()), left,
+                int(np.where(own, errors / bound, -1.0).argmax()), felt.get(number, Felt()), left,
             )  # fmt: skip
             goal: Array | None
             if group.goal is None:

@@ -26,13 +26,13 @@ def main() -> None:
             print(f"{task} on {robot}: check_env of stable-baselines3 finds nothing", flush=True)
     with TemporaryDirectory() as folder:
         made = gymnasium.make("tci.learn:tci/Withdrawal-v0", duration=0.3, render_mode="rgb_array")
-        film = RecordVideo(made, folder)
+        film = RecordVideo(made, str(Path(folder) / "films"))
         film.reset(seed=1)
         over = False
         while not over:
             *_, over, _ = film.step(film.action_space.sample())
         film.close()
-        (file,) = Path(folder).glob("*.mp4")
+        (file,) = Path(folder, "films").glob("*.mp4")
         print(f"RecordVideo: {file.name}, {file.stat().st_size / 1e3:.0f} kB")
 
 

@@ -11,6 +11,7 @@ from tci.support.installed import needs
 from tci.support.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from tci.learn.named_robot import NamedRobot as NamedRobot
     from tci.learn.task import Scene as Scene
     from tci.learn.task import TouchTask as TouchTask
     from tci.learn.tasks import HOLD as HOLD

@@ -1,0 +1,328 @@
+"""A robot for programs that know only numbers with names, such as those of LeRobot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType, TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from tci.body.generic_body import GenericBody
+from tci.capabilities.policy.observations import CONTACTS, OBSERVATIONS, View
+from tci.capabilities.teach.capability import GUIDED, LEAD
+from tci.capabilities.teach.guide import Feel, guided
+from tci.capabilities.teach.limb import Limb, limbs_of
+from tci.drivers.driver import Driver
+from tci.drivers.registry import connect
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import DriverError, TciError, UnknownNameError
+from tci.messages import ExpectContact, GenericCommand, Order, Perception
+from tci.messages.frames import Array, read_only
+from tci.recording.recorder import Recorder
+from tci.robot.like import RobotLike, as_robot
+from tci.runtime.moment import Tick
+from tci.runtime.stepper import Stepper
+from tci.simulation.hand_path import APPROACH
+from tci.simulation.touching import people_needed
+from tci.touches.person import Person
+from tci.touches.planned_touch import plan
+from tci.touches.touch import Touch, parse_touch
+
+COLUMNS = ("forearm", "u", "sin", "cos", "force", "peak", "area")
+"""Names of the columns of the observation `contacts`."""
+ENDINGS: Mapping[str, str] = MappingProxyType({"posture": "pos", "velocity": "vel"})
+"""Ends of the names of observations that have a number for each joint. `pos` is what LeRobot's own robots
+say."""
+OBSERVED = ("posture", "velocity", "contacts", "taxels")
+PAUSE = 1.0
+"""Time [s] between two touches of a simulated person."""
+STILL = 0.01
+"""Speed [rad/s] below which an arm that nobody touches any more has come to rest."""
+
+
+@dataclass
+class Guided:
+    """How hands guide one part."""
+
+    limb: Limb
+    rates: Array
+    """Its speeds (n,) [rad/s]."""
+    rest: Array
+    """Where it stays (n,) [rad] while nobody guides it."""
+
+
+@dataclass
+class _People:
+    """People who touch a simulated robot, one touch after the other, over and over."""
+
+    touches: tuple[Touch, ...]
+    driver: SimulatedDriver
+    due: float = 0.0
+    done: int = 0
+
+    def go_on(self) -> None:
+        world = self.driver.world
+        if world.time < self.due:
+            return
+        seed, touch = self.done, self.touches[self.done % len(self.touches)]
+        who = {touch.person: Person.drawn(touch.person, seed=seed)}
+        (planned, *_) = world.touch(touch, persons=who, seed=seed)
+        self.due = world.time + max(planned.onset, APPROACH) + planned.end - planned.onset + PAUSE
+        self.done += 1
+
+
+class NamedRobot:
+    """Generic parts of a robot as numbers with names: `observe` gives them, `act` takes angles.
+
+    It is a `Stepper` inside, so all that is ordered goes through the gate, and a robot with a clock of its
+    own holds when the program stays away. Posture and actions are named `left_arm.elbow_flexion.pos` [rad],
+    the same on every robot, so what was learned on one moves another.
+    """
+
+    def __init__(
+        self,
+        robot: RobotLike = "nao",
+        via: str = "sim",
+        *,
+        arm: bool | None = None,
+        parts: Iterable[str] = (),
+        observations: Iterable[str] = ("posture", "velocity", "contacts"),
+        rate: float = 30.0,
+        touches: Iterable[str | Touch] = (),
+        record: str = "",
+        task: str = "",
+        feel: Feel | None = None,
+        most: float = 15.0,
+    ) -> None:
+        """Names everything; `connect` opens the robot.
+
+        Args:
+            robot: Robot, its name, or its file.
+            via: Driver, as for `tci.connect`.
+            arm: True to move a real robot; None arms only a simulated one.
+            parts: Generic parts. Empty: all arms.
+            observations: What is seen of each: of `OBSERVED`.
+            rate: Observations per second.
+            touches: Touches of a simulated person, such as `"push 'left forearm' 5N 0.9s"`, one after the
+                other and over and over.
+            record: File for a recording of everything, also of the raw frames of the skin.
+            task: What the recording shows.
+            feel: What an arm that is guided by hands feels like.
+            most: Force [N] of one contact above which hands do not guide.
+
+        Raises the errors of `load_robot`, and TciError for an unknown part or observation, a rate out of
+        range, and touches of a robot that is not simulated.
+        """
+        self.robot = as_robot(robot)
+        self.via, self.rate, self._arm = via, rate, arm
+        self._record, self._task, self._feel, self._most = record, task, feel or Feel(), most
+        if not 0.0 < rate < np.inf:
+            raise TciError(f"rate {rate}; valid: above 0 and finite")
+        self.body = GenericBody(self.robot)
+        known = [part.name for part in self.robot.parts if self.body.has_joint(part.name).any()]
+        arms = [name for name in known if self.robot.part(name).kind == "arm"]
+        self.parts = tuple(parts) or tuple(arms or known)
+        for name in self.parts:
+            if name not in known:
+                raise UnknownNameError("part", name, known)
+        self.observations = tuple(observations)
+        for name in self.observations:
+            if name not in OBSERVED:
+                raise UnknownNameError("observation", name, OBSERVED)
+        self.touches = tuple(parse_touch(one) if isinstance(one, str) else one for one in touches)
+        if self.touches and via != "sim":
+            raise TciError(f"touches over {via}; valid: over sim, where people are simulated")
+        self._joints = {
+            name: [
+                (n, f"{name}.{servo.name}")
+                for n, (servo, there) in enumerate(
+                    zip(self.robot.part(name).servos, self.body.has_joint(name), strict=True)
+                )
+                if there
+            ]
+            for name in self.parts
+        }
+        self.actions = tuple(f"{joint}.pos" for own in self._joints.values() for _, joint in own)
+        """Names of the angles that `act` takes."""
+        self.observed = tuple(name for part in self.parts for name, _, _ in self._places(part))
+        """Names of what `observe` gives."""
+        self._limbs = {name: limb for name, limb in limbs_of(self.body).items() if not limb.soft}
+        self._stepper: Stepper | None = None
+
+    def _places(self, part: str) -> list[tuple[str, str, int]]:
+        """Name, observation, and index in it of everything that is seen of a part."""
+        found = list[tuple[str, str, int]]()
+        for name in self.observations:
+            if name in ENDINGS:
+                found += [(f"{joint}.{ENDINGS[name]}", name, n) for n, joint in self._joints[part]]
+            elif name == "contacts":
+                rows = [f"contact{row}.{column}" for row in range(CONTACTS) for column in COLUMNS]
+                found += [(f"{part}.{row}", name, n) for n, row in enumerate(rows)]
+            else:
+                surfaces = self.body.skin.surfaces
+                own = [patch.name for patch in self.robot.patches if patch.part == part]
+                taxels = [f"{patch}.{n}" for patch in own for n in range(len(surfaces[patch].areas))]
+                found += [(f"{taxel}.force", name, n) for n, taxel in enumerate(taxels)]
+        return found
+
+    @property
+    def is_connected(self) -> bool:
+        return self._stepper is not None
+
+    @property
+    def driver(self) -> Driver:
+        """Raises DriverError if the robot is not connected."""
+        return self._connected.driver
+
+    @property
+    def _connected(self) -> Stepper:
+        if self._stepper is None:
+            raise DriverError(f"{self.robot.name} is not connected; valid: after connect()")
+        return self._stepper
+
+    def connect(self) -> None:
+        """Opens the robot. Raises the errors of `tci.connect`, and DriverError if it is open already."""
+        if self._stepper is not None:
+            raise DriverError(f"{self.robot.name} is connected already; valid: disconnect() first")
+        options: dict[str, Any] = {}
+        if self.touches:
+            options["people"] = max(people_needed(plan(self.body, one)) for one in self.touches)
+        driver = connect(self.robot, self.via, arm=self._arm, **options)
+        self._recorder: Recorder | None = None
+        try:
+            if self._record:
+                about = {**driver.info.about, **({"task": self._task} if self._task else {})}
+                self._recorder = Recorder(
+                    self._record, self.robot, middleware=self.via.partition(":")[0], period=driver.period,
+                    keep_alive=driver.info.keep_alive, about=about,
+                )  # fmt: skip
+            self._stepper = Stepper(driver, period=1.0 / self.rate, see=self._see)
+        except BaseException:
+            driver.close()
+            raise
+        self._people = None
+        if self.touches and isinstance(driver, SimulatedDriver):
+            self._people = _People(self.touches, driver)
+        self._seen: Perception | None = None
+        self._before: Perception | None = None
+        self._guided = dict[str, Guided]()
+        self._expected: tuple[Order, ...] = ()
+
+    def _see(self, tick: Tick) -> None:
+        if self._recorder is not None:
+            self._recorder.tick(tick.now, tick.reading, tick.commands, tick.sent)
+
+    def disconnect(self) -> None:
+        """Brings the robot to rest, and closes it. A second call has no effect."""
+        if self._stepper is None:
+            return
+        stepper, self._stepper = self._stepper, None
+        try:
+            stepper.close()
+        finally:
+            stepper.driver.close()
+            if self._recorder is not None:
+                self._recorder.close()
+
+    def __enter__(self) -> Self:
+        self.connect()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.disconnect()
+
+    def observe(self) -> dict[str, float]:
+        """What is seen now, 1 / `rate` after the last call; waits for it. Angles are in rad, velocities in
+        rad/s, forces in N, areas in cm2. Raises the errors of `Stepper.observe`."""
+        stepper = self._connected
+        if self._people is not None:
+            self._people.go_on()
+        self._before, self._seen = self._seen, stepper.observe()
+        now, before = self._seen, self._before or self._seen
+        values = dict[str, float]()
+        for part in self.parts:
+            posture = now.posture[part]
+            elapsed = now.stamp - before.stamp
+            view = View(now, self.body, part, posture, before.posture[part], elapsed)
+            seen = {name: np.ravel(OBSERVATIONS[name].see(view)) for name in self.observations}
+            values |= {name: float(seen[what][n]) for name, what, n in self._places(part)}
+        return values
+
+    def _now(self) -> Perception:
+        """What `observe` saw last."""
+        if self._seen is None:
+            self.observe()
+        assert self._seen is not None
+        return self._seen
+
+    def act(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Orders angles [rad], by the names of `actions`, and returns the set-points that the gate sent now:
+        it approaches the angles within the robot's limits.
+
+        Raises TciError for names that are missing or unknown, and for a number that is not finite; then
+        nothing is ordered.
+        """
+        stepper = self._connected
+        wrong = sorted({*values} ^ {*self.actions})
+        wrong += [name for name in self.actions if not wrong and not np.isfinite(values[name])]
+        if wrong:
+            names = ", ".join(self.actions)
+            raise TciError(f"action: {', '.join(wrong)}; valid: one finite number for each of {names}")
+        orders = list[Order](self._expected)
+        self._expected = ()
+        for part, joints in self._joints.items():
+            angles = np.array(self.robot.part(part).initial_posture)
+            for n, name in joints:
+                angles[n] = values[f"{name}.pos"]
+            orders.append(GenericCommand(part, "position", read_only(angles)))
+        sent = stepper.act(orders)
+        reading = self._now().joints
+        assert reading is not None
+        position = np.array(reading.position)
+        position[sent.servos] = sent.position
+        found = dict[str, float]()
+        for part, joints in self._joints.items():
+            generic = self.body.joint_maps[part].to_generic(position)
+            found |= {f"{name}.pos": float(generic[n]) for n, name in joints}
+        return found
+
+    def guide(self) -> dict[str, float]:
+        """The action with which arms go where hands push their skin (as in `tci.Teach`), from what `observe`
+        saw last; who is not touched stays where it is. The next `act` declares these contacts to the gate.
+
+        Raises TciError if the robot has no arm that feels how hard it is pushed.
+        """
+        seen = self._now()
+        own = [part for part in self.parts if part in self._limbs]
+        if not own:
+            valid = ", ".join(self._limbs) or "another robot"
+            raise TciError(f"{self.robot.name}: hands can't guide {', '.join(self.parts)}; valid: {valid}")
+        target, expected = dict(seen.posture), list[Order]()
+        for part in own:
+            pushed, target[part] = self._guide(part, seen)
+            if pushed:
+                expected.append(ExpectContact(part, GUIDED))
+        self._expected = tuple(expected)
+        return {
+            f"{name}.pos": float(target[part][n]) for part in self.parts for n, name in self._joints[part]
+        }
+
+    def _guide(self, part: str, seen: Perception) -> tuple[bool, Array]:
+        """Whether hands push a part, and where it goes (n,) [rad]."""
+        here = seen.posture[part]
+        state = self._guided.setdefault(part, Guided(self._limbs[part], np.zeros(len(here)), here))
+        pushes = [one for one in seen.contacts if one.part in state.limb.parts]
+        if any(one.force > self._most for one in pushes):
+            state.rates, state.rest = np.zeros(len(here)), here
+            return True, here
+        elapsed = 1.0 / self.rate
+        state.rates = guided(self._feel, self._most, part, pushes, state.rates, elapsed, seen, self.body)
+        if not pushes and np.abs(state.rates).max() < STILL:
+            state.rates = np.zeros(len(here))
+            return False, state.rest
+        state.rest = here
+        return bool(pushes), here + (elapsed + LEAD) * state.rates

@@ -1,0 +1,101 @@
+"""Shows genuine LeRobot with robots of TCI: it finds the plug-in, records hands that guide an arm, and loads
+the set.
+
+python tools/with_lerobot.py [--robots nao,icub,g1] [--episodes 2] [--out out/lerobot], in the environment of
+`make lerobot`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import runpy
+import shutil
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+FPS, SECONDS = 30, 3.0
+TOUCH = "push 'left forearm' 5N 0.9s"
+TASK = "Go where the hand pushes"
+COMMANDS = {"record": "lerobot.scripts.lerobot_record"}
+
+
+def complete_torchvision() -> None:
+    """PyPI's torchvision is built for CUDA, and beside a CPU build of PyTorch it fails at its first operator.
+    What data sets and ACT need of it works once the schemas of two operators exist."""
+    import torch
+
+    if "+cpu" in torch.__version__ and "+cpu" not in version("torchvision"):
+        library = torch.library.Library("torchvision", "DEF")
+        complete_torchvision.library = library  # it lives as long as the operators
+        for name in ("nms", "qnms"):
+            library.define(f"{name}(Tensor dets, Tensor scores, float iou_threshold) -> Tensor")
+
+
+def lerobot(command: str, *arguments: str) -> None:
+    """Runs a command of LeRobot in a process of its own."""
+    subprocess.run([sys.executable, __file__, "command", command, *arguments], check=True)
+
+
+def record(robot: str, root: Path, episodes: int) -> None:
+    lerobot(
+        "record", "--robot.type=tci", f"--robot.robot={robot}", f"--robot.fps={FPS}",
+        f'--robot.touches=["{TOUCH}"]', "--teleop.type=tci_touch", f"--dataset.repo_id=tci/{robot}",
+        f"--dataset.root={root}", f"--dataset.fps={FPS}", f"--dataset.single_task={TASK}",
+        f"--dataset.num_episodes={episodes}", f"--dataset.episode_time_s={SECONDS}",
+        "--dataset.reset_time_s=0.5", "--dataset.push_to_hub=false", "--play_sounds=false",
+    )  # fmt: skip
+
+
+def judge(robot: str, root: Path, episodes: int) -> None:
+    """Loads the set as LeRobot does, and says what is in it."""
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    data = LeRobotDataset(f"tci/{robot}", root=root)
+    names = data.meta.features["observation.state"]["names"]
+    rows = [data[n] for n in range(len(data))]
+    state = np.stack([row["observation.state"].numpy() for row in rows])
+    action = np.stack([row["action"].numpy() for row in rows])
+    whose = np.array([int(row["episode_index"]) for row in rows])
+    force = state[:, [n for n, name in enumerate(names) if name.endswith("contact0.force")]].max(axis=1)
+    moved = [np.rad2deg(np.ptp(action[whose == n], axis=0).max()) for n in range(episodes)]
+    if set(whose) != {*range(episodes)} or force.max() < 0.5 or not any(one > 5.0 for one in moved):
+        raise SystemExit(f"{robot}: episodes {set(whose)}, {force.max():.1f} N, moved {moved} degrees")
+    told = ", ".join(f"{one:.0f}" for one in moved)
+    print(
+        f"{robot}: LeRobot loads {data.num_episodes} episodes, {len(data)} rows of {len(names)} numbers; "
+        f"a hand pushed with up to {force.max():.1f} N, the arm was guided by {told} degrees",
+        flush=True,
+    )
+
+
+def main() -> None:
+    words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    words.add_argument("--robots", default="nao,icub,g1")
+    words.add_argument("--episodes", type=int, default=2)
+    words.add_argument("--out", type=Path, default=Path("out/lerobot"))
+    given = words.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    # nothing is written to the home folder, nothing is fetched
+    home = given.out.resolve() / "home"
+    os.environ |= {"HF_HUB_OFFLINE": "1", "HF_HOME": str(home), "HF_LEROBOT_HOME": str(home / "lerobot")}
+    complete_torchvision()
+    for robot in given.robots.split(","):
+        root = given.out / robot
+        shutil.rmtree(root, ignore_errors=True)
+        record(robot, root, given.episodes)
+        judge(robot, root, given.episodes)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["command"]:
+        complete_torchvision()
+        module = COMMANDS[sys.argv[2]]
+        sys.argv = [module, *sys.argv[3:]]
+        runpy.run_module(module, run_name="__main__")
+    else:
+        main()

@@ -56,7 +56,7 @@ class Perceiver:
         Raises FrameError if a frame or the joints do not fit the robot; the state is then unchanged.
         """
         posture = self.body.posture(reading.joints)
-        if not isfinite(sum([frame.stamp for frame in reading.skin])):
+        if reading.skin != self._frames and not isfinite(sum([frame.stamp for frame in reading.skin])):
             for frame in reading.skin:
                 if not isfinite(frame.stamp):
                     raise FrameError(f"{frame.patch}: a frame stamped {frame.stamp} s; valid: a finite time")

@@ -17,7 +17,7 @@ from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.needs import Need
 from tci.errors import TciError
-from tci.messages import GenericCommand, Mode, Order, Perception
+from tci.messages import Contacts, GenericCommand, Mode, Order, Perception
 from tci.messages.frames import Array, read_only
 from tci.robot.generic_fingers import FINGERS, FLEXIONS, PALM
 
@@ -53,6 +53,16 @@ class Grip:
 
 Grips = Mapping[str, Grip]
 """Memory of a light grasp: the state of each hand, by name of the generic part."""
+
+
+def forces_of(contacts: Contacts) -> dict[str, dict[str, float]]:
+    """Force [N] on each touched segment of each touched part."""
+    forces: dict[str, dict[str, float]] = {}
+    for place, force in zip(contacts.site.tolist(), contacts.force.tolist(), strict=True):
+        site = contacts.sites[place]
+        own = forces.setdefault(site.part, {})
+        own[site.segment] = own.get(site.segment, 0.0) + force
+    return forces
 
 
 @dataclass(frozen=True)
@@ -103,10 +113,11 @@ class LightGrasp(Capability[Grips]):
     ) -> tuple[tuple[Order, ...], Grips]:
         """Returns a command for each hand whose target changed."""
         commands, grips = [], {}
+        pressed = forces_of(perception.contacts)
         for part in body.parts("fingers"):
             rest = body.robot.part(part).initial_posture
-            before = memory.get(part, Grip(perception.stamp, rest))
-            after = grips[part] = self._grip(before, perception, body, part, rest)
+            before = memory.get(part) or Grip(perception.stamp, rest)
+            after = grips[part] = self._grip(before, perception, body, part, rest, pressed.get(part, {}))
             if after.flexion is not before.flexion:
                 commands.append(GenericCommand(part, Mode.POSITION, after.flexion))
         return tuple(commands), grips
@@ -117,15 +128,15 @@ class LightGrasp(Capability[Grips]):
             part for part, grip in memory.items() if grip.closed or grip.stamp - grip.felt < self.quiet
         )
 
-    def _grip(self, before: Grip, perception: Perception, body: GenericBody, part: str, rest: Array) -> Grip:
-        """Returns the state of a hand's grasp after `perception`. `before` is the previous state, and `rest`
-        (n,) [rad] is the open posture of the hand."""
+    def _grip(
+        self, before: Grip, perception: Perception, body: GenericBody, part: str, rest: Array,
+        pressed: Mapping[str, float],
+    ) -> Grip:  # fmt: skip
+        """Returns the state of a hand's grasp after `perception`. `before` is the previous state, `rest` (n,)
+        [rad] is the open posture of the hand, and `pressed` are the forces [N] by its segments."""
         now = perception.stamp
-        pressed = dict.fromkeys((*FINGERS, PALM), 0.0)
-        for contact in perception.contacts:
-            if contact.part == part and contact.segment in pressed:
-                pressed[contact.segment] += contact.force
-        palm, most = pressed[PALM], max(pressed[finger] for finger in FINGERS)
+        palm = pressed.get(PALM, 0.0)
+        most = max((pressed[finger] for finger in FINGERS if finger in pressed), default=0.0)
         felt = now if max(palm, most) >= self.touch else before.felt
         if not before.closed:
             closes = palm >= self.touch and now - before.felt >= self.quiet
@@ -152,7 +163,7 @@ class LightGrasp(Capability[Grips]):
             bent = [joint for joint in group if joint in FLEXIONS]
             if not bent:
                 continue
-            strongest = max(pressed[FINGERS[FLEXIONS.index(joint)]] for joint in bent)
+            strongest = max(pressed.get(FINGERS[FLEXIONS.index(joint)], 0.0) for joint in bent)
             missing = self.force - strongest
             rate = self.speed if strongest <= 0.0 else min(max(self.gain * missing, -self.speed), self.speed)
             for joint in bent:

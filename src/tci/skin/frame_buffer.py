@@ -36,6 +36,7 @@ class FrameBuffer:
         self.whole = False
         """True if the latest call of `arrange` contained all patches, in the order of the layout."""
         self._sizes = list[tuple[int]]()
+        self._accepted = {self.raw.dtype}
         self._arranged: dict[tuple[str, ...], tuple[Places, list[tuple[int]], bool]] = {}
 
     def arrange(self, names: tuple[str, ...]) -> None:
@@ -72,10 +73,9 @@ class FrameBuffer:
                     raise FrameError(
                         f"{name}: frame of shape {one.shape}, expected {size}, one value per channel"
                     )
-        own = self.raw.dtype
-        if [one.dtype for one in values] == [own] * len(values):
+        own, others = self.raw.dtype, {one.dtype for one in values}
+        if others <= self._accepted:
             return
-        others = {one.dtype for one in values}
         if any(other.kind not in "uif" for other in others):
             for name, one in zip(self.names, values, strict=True):
                 if one.dtype.kind not in "uif":
@@ -84,6 +84,7 @@ class FrameBuffer:
                     )
         if own != np.float32 and not all(np.can_cast(other, own) for other in others):
             self.raw, self.last = self.raw.astype(np.float32), self.last.astype(np.float32)
+        self._accepted |= others
 
     def fill(self, values: Values) -> None:
         """Copies `values`, which `check` has accepted, into `raw`."""

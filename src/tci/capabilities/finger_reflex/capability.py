@@ -15,7 +15,7 @@ import numpy as np
 
 from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
-from tci.capabilities.light_grasp import Grips, LightGrasp
+from tci.capabilities.light_grasp import Grips, LightGrasp, forces_of
 from tci.capabilities.needs import Need
 from tci.errors import TciError
 from tci.messages import GenericCommand, Mode, Order, Perception
@@ -82,13 +82,13 @@ class FingerReflex(Capability[FingerMemory]):
     ) -> tuple[tuple[Order, ...], FingerMemory]:
         now, open_, bend = perception.stamp, dict(memory.open), set[str]()
         orders, grips = self.grasp.step(memory.grips, perception, body)
-        commands = list(orders)
+        commands, forces = list(orders), forces_of(perception.contacts)
         for part in body.parts("fingers"):
             before = memory.grips.get(part)
             if grips[part].closed:
                 open_.pop(part, None)
                 continue
-            ended, pressed = before is not None and before.closed, self._pressed(part, perception)
+            ended, pressed = before is not None and before.closed, self._pressed(forces.get(part, {}))
             if pressed or ended:
                 if part not in open_ and not ended:  # a grasp opens its hand itself
                     commands.append(
@@ -123,13 +123,7 @@ class FingerReflex(Capability[FingerMemory]):
             if one.pressed
         )
 
-    def _pressed(self, part: str, perception: Perception) -> str:
-        """The finger that is pressed most; empty if none is."""
-        if not len(perception.contacts):
-            return ""
-        forces = dict.fromkeys(FINGERS, 0.0)
-        for contact in perception.contacts:
-            if contact.part == part and contact.segment in forces:
-                forces[contact.segment] += contact.force
-        most = max(forces, key=forces.__getitem__)
-        return most if forces[most] >= self.touch else ""
+    def _pressed(self, forces: Mapping[str, float]) -> str:
+        """The finger that is pressed most; empty if none is. `forces` [N] by segments of the hand."""
+        on_fingers = [finger for finger in FINGERS if forces.get(finger, 0.0) >= self.touch]
+        return max(on_fingers, key=forces.__getitem__, default="")

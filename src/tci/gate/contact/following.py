@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.gate.joint_monitor import Reference
+from tci.gate.kernels.lags import find_lags, find_span, rows_at
 from tci.messages import JointReading, Mode
 from tci.messages.frames import Array
 
@@ -80,14 +81,8 @@ class History:
 
     def at(self, times: Array) -> Array:
         """Rows (k, width) at `times` (k,), between the noted ones on a line."""
-        own, rows = self.times, self.rows
-        place = np.searchsorted(own, times, side="right")
-        before, after = np.maximum(place - 1, 0), np.minimum(place, len(own) - 1)
-        found: Array = rows[before]
-        (between,) = np.nonzero((after > before) & (times > own[before]))
-        before, after = before[between], after[between]
-        share = (times[between] - own[before]) / (own[after] - own[before])
-        found[between] += share[:, None] * (rows[after] - found[between])
+        found = np.empty((len(times), self._rows.shape[1]))
+        rows_at(self.times, self.rows, times, found)
         return found
 
 
@@ -113,6 +108,7 @@ class Following:
         self._readings: deque[tuple[float, Array]] = deque()
         self._rests = np.full(count, np.nan)
         self._tried, self._few = np.linspace(0.0, lag, LAGS), np.linspace(0.0, lag, 6)
+        self._places = np.empty(LAGS, np.intp)
         self._lags: deque[tuple[float, Array]] = deque()
         self._longest, self._moved = np.zeros(count), np.zeros(count)
 
@@ -149,20 +145,16 @@ class Following:
         """Notes by which time each joint lags whose reference moves; nothing was in contact for `SURE`."""
         if not self._known or not (np.abs(reference.velocity) > FAST).any():
             return
-        before = self._past.at(joints.stamp - self._tried)
-        steps = before[:-1] - before[1:]
-        ways = np.where((steps >= 0.0).all(axis=0), 1.0, np.where((steps <= 0.0).all(axis=0), -1.0, np.nan))
-        passed = ways * (joints.position - before) >= 0.0
-        place = np.where(passed.any(axis=0), passed.argmax(axis=0), LAGS - 1)
-        since = np.abs(before[0] - np.take_along_axis(before, np.maximum(place, 1)[None], axis=0)[0])
-        fast = since > FAST * self._tried[np.maximum(place, 1)]
-        first = self._tried[place]
-        self._lags.append((joints.stamp, np.where(fast, first, np.nan)))
+        past, lags = self._past, np.empty(len(self.side))
+        find_lags(
+            past.times, past.rows, joints.stamp, self._tried, joints.position, FAST, self._places, lags
+        )  # fmt: skip
+        self._lags.append((joints.stamp, lags))
         while joints.stamp - self._lags[0][0] > SURE:
             stamp, lags = self._lags.popleft()
-            seen = np.isfinite(lags)
-            self._moved[seen] += min(self._lags[0][0] - stamp, 0.02) if self._lags else 0.0
-            self._longest[seen] = np.maximum(self._longest, lags)[seen]
+            if self._lags:
+                self._moved += min(self._lags[0][0] - stamp, 0.02) * np.isfinite(lags)
+            np.fmax(self._longest, lags, out=self._longest)
 
     def doubt(self) -> None:
         """Something is in contact: what was seen of late teaches nothing."""
@@ -179,20 +171,10 @@ class Following:
         since, there = self._read(joints)
         passed = joints.stamp - since
         times, rows = self._past.times, self._past.rows
-        begin = joints.stamp - self._lag
-        first, end = times.searchsorted((begin, joints.stamp), side="right").tolist()
-        recent = rows[max(first - 1, 0) : max(end, first, 1)]
-        low, high = recent.min(axis=0), recent.max(axis=0)
-        if self._known:
-            allowed = np.where(self.learned, MORE * self._longest + LATER, self._lag)
-            asked = (joints.stamp - self._tried, joints.stamp - self._few, since - self._few)
-            noted = self._past.at(np.concatenate(asked))
-            before, (now, then) = noted[:LAGS], noted[LAGS:].reshape(2, len(self._few), -1)
-            own = np.where(self._tried[:, None] < allowed + 0.5 * self._tried[1], before, np.nan)
-            low, high = (
-                np.maximum(low, np.fmin.reduce(own, axis=0)),
-                np.minimum(high, np.fmax.reduce(own, axis=0)),
-            )
+        longest = np.where(self.learned, MORE * self._longest + LATER, self._lag) + 0.5 * self._tried[1]
+        tried = self._tried if self._known else np.empty(0)
+        low, high = np.empty((2, len(longest)))
+        find_span(times, rows, joints.stamp - self._lag, joints.stamp, tried, longest, low, high)
         outside = np.maximum(joints.position - high, low - joints.position)
         error: Array = np.maximum(outside - OVERSHOOT * (high - low), 0.0)
         self.side = np.where(joints.position < 0.5 * (low + high), 1.0, -1.0)
@@ -202,6 +184,7 @@ class Following:
             reference.velocity
         )
         if self._known and PROGRESS <= passed < 2.0 * PROGRESS:
+            now, then = self._past.at(joints.stamp - self._few), self._past.at(since - self._few)
             ways = now - then
             least = np.where(
                 (ways > 0.0).all(axis=0) | (ways < 0.0).all(axis=0), np.abs(ways).min(axis=0), 0.0

@@ -7,9 +7,9 @@ list, and what is on PyPI is downloaded to DIR/pypi. Each model goes through new
 check --simulate and the five lines of the README. Then the description is compared with the list,
 written by hand, and with MuJoCo (MJCF) or Pinocchio (URDF) on the untouched file: poses of the arms'
 links (0.01 degrees, 0.1 mm), limits, masses (0.1 %). If new-robot refuses a model and names an option, the
-option is tried with the value of the list; that is one more line in the result. --quick leaves out what is
-simulated: check --simulate and the five lines. Results stay in OUT/strangers/NAME.json;
---table makes docs/tables/strangers.md of all of them.
+option is tried with the value of the list; that is one more line in the result. Where no skin is on an arm,
+the five lines run after --sleeves. --quick leaves out what is simulated: check --simulate and the five
+lines. Results stay in OUT/strangers/NAME.json; --table makes docs/tables/strangers.md of all of them.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ import numpy as np
 import pinocchio
 from report import ROOT, TABLES, commit, markdown, out
 
+from tci.capabilities.capability import lacks
+from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.messages.frames import Array
 from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
@@ -244,7 +246,16 @@ def try_one(line: dict[str, Any], folder: Path, *, quick: bool) -> dict[str, Any
             faults = [error] if checked is None else checked["faults"]
             result[name] = {"faults": faults, "doubts": [] if checked is None else checked["doubts"]}
         if not quick:
-            result["five_lines"], result["ran"] = _five_lines(robot, target)
+            if not lacks(WithdrawalReflex(), robot):
+                result["five_lines"], result["ran"] = _five_lines(robot, target)
+            else:  # the reflex of the five lines says that it needs skin on an arm
+                worn = target.with_name(f"tci-{line['name']}-sleeves.robot.xml")
+                words = ["new-robot", str(file), "--name", line["name"], "--out", str(worn), "--force"]
+                dressed, error = _tci(*words, *result["options"], "--sleeves")
+                result["five_lines"], result["ran"] = (
+                    (error, False) if dressed is None else _five_lines(read_robot(worn), worn)
+                )
+                result["five_lines_after"] = "--sleeves"
     result["whole"] = told is not None and not _faults(result) and result["ran"] is not False
     result["seconds"] = round(time.perf_counter() - begin, 1)
     return result
@@ -329,6 +340,7 @@ def table(lines: Sequence[dict[str, Any]], results: dict[str, dict[str, Any]]) -
         what = "agrees" if result.get("whole") else f"**{_what(result)}**" if result else "not tried"
         proved = "not tried" if not result.get("simulated") else _short(result["simulated"]["faults"])
         ran = {None: "not tried", True: "moved", False: "**no**"}[result.get("ran")]
+        ran += f" after {result['five_lines_after']}" if "five_lines_after" in result else ""
         kind = "URDF" if line["file"].lower().endswith("urdf") else "MJCF"
         rows.append((line["name"], line["maker"], kind, line["source"], options or "none", what, proved, ran))
         agree += "told" in result and not (result["wrong"] or result["check"]["faults"])

@@ -10,6 +10,7 @@ import pytest
 
 from helpers.made_humanoid import MadeHumanoid
 from tci.lab.authoring.assumed_limits import assumed_limits
+from tci.lab.authoring.joint_facts import JointFacts, proposed_limits
 from tci.lab.authoring.proposal import propose
 from tci.robot.description import Limits, Robot
 
@@ -129,3 +130,38 @@ def test_a_neck_without_a_range_stays_a_neck(tmp_path: Path) -> None:
     path.write_text(text)
     head = propose(path, name="made", cover=False).part("head")
     assert sum(one.servo is not None for one in head.servos) == 2
+
+
+def first_motion(acceleration: float, jerk: float) -> float:
+    """Time [s] until a servo has moved by 0.05 degrees that follows its reference with two poles of 5 ms; the
+    reference is told every 2 ms, a period ahead, and starts at full jerk."""
+    step, ramp, angle, speed, now = 1e-5, acceleration / jerk, 0.0, 0.0, 0.0
+
+    def reference(t: float) -> float:
+        if t < ramp:
+            return jerk * t**3 / 6.0
+        return (
+            jerk * ramp**3 / 6.0
+            + 0.5 * acceleration * ramp * (t - ramp)
+            + 0.5 * acceleration * (t - ramp) ** 2
+        )
+
+    while angle < np.deg2rad(0.05):
+        told = 2e-3 * int(now / 2e-3)
+        share = (now - told) / 2e-3
+        asked = (1.0 - share) * reference(told) + share * reference(told + 2e-3)
+        speed += step * ((asked - angle) / 5e-3**2 - 2.0 * speed / 5e-3)
+        angle, now = angle + step * speed, now + step
+    return now
+
+
+@pytest.mark.parametrize("able", [35.0, 50.0, 120.0, 1e4])
+def test_a_proposed_joint_starts_in_time_for_a_reflex(able: float) -> None:
+    """Besides a frame of the skin, `check --simulate` gives a reflex 23 ms until the arm moves. `able`
+    [rad/s2] is what the full torque gives to a joint, which may need a third of it and has it after 10 ms."""
+    limits = proposed_limits(JointFacts(-1.0, 1.0, velocity=3.0, torque=0.6 * able), 0.6)
+    assert limits.acceleration is not None
+    assert limits.jerk is not None
+    assert first_motion(limits.acceleration, limits.jerk) <= 23e-3
+    assert limits.acceleration <= 0.36 * able
+    assert limits.jerk * 10e-3 <= 1.001 * able

@@ -90,8 +90,10 @@ def test_empty_links_count_as_taxels_and_modules(tmp_path: Path) -> None:
     names = ["LFsrFL_frame", "LFootBumperLeft_frame", "HeadTouchFront_frame"]
     modules = [f"l_forearm_skin_{n}" for n in (0, 2, 10)]
     text = boxed("base", "0.1 0.1 0.1")
-    for name in (*names, *modules, "l_sole", "digit_link"):
+    for name in (*names, "l_sole", "digit_link"):
         text += f'<link name="{name}"/>' + FIXED.format(name, "base", "0 0 0.05", "0 0 0")
+    for place, name in enumerate(modules):
+        text += f'<link name="{name}"/>' + FIXED.format(name, "base", f"{0.018 * place} 0 0.05", "0 0 0")
     text += '<gazebo reference="base"><sensor name="bump" type="contact"/></gazebo>'
     found = urdf(tmp_path, text)
     assert {pad.name: pad.taxels for pad in found.pads} == dict.fromkeys(names, 1) | {"l_forearm_skin": 30}
@@ -100,6 +102,37 @@ def test_empty_links_count_as_taxels_and_modules(tmp_path: Path) -> None:
     for pad in found.pads:
         np.testing.assert_allclose(pad.normals[0], [0.0, 0.0, 1.0], atol=1e-9)
     assert [names for why, names in found.left_out.items() if "Gazebo" in why] == [("bump",)]
+
+
+def test_a_taxel_without_shapes_looks_away_from_the_mass(tmp_path: Path) -> None:
+    """A frame on the back of a hand whose z axis points along it, in a model without meshes: the touch sensor
+    of Pepper's hands was taken to look sideways, and a reflex pressed it into who touched it."""
+    heavy = """<inertial><origin xyz="0.035 0 -0.002" rpy="0 0 0"/><mass value="0.3"/>
+    <inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial>"""
+    text = f'<link name="base"/><link name="wrist">{heavy}</link>' + FIXED.format(
+        "wrist", "base", "0 0 1", "0 0 0"
+    )
+    text += '<link name="hand_touch"/>' + FIXED.format("hand_touch", "wrist", "0.05 0 0.03", "0 1.5707963 0")
+    (pad,) = urdf(tmp_path, text).pads
+    np.testing.assert_allclose(pad.normals[0], [-1.0, 0.0, 0.0], atol=1e-6)  # its -x is up, its z forward
+
+
+@pytest.mark.parametrize("rows", [1, 2])
+def test_frames_too_near_for_modules_are_taxels(tmp_path: Path, rows: int) -> None:
+    """A fingertip with a frame for each taxel, named as modules are, whose middles are 18 mm apart. The y
+    axes of its frames point inwards."""
+    text, bent = boxed("tip", "0.008 0.02 0.01"), np.deg2rad([-40.0, 0.0, 40.0])
+    for n, angle in enumerate(np.repeat(bent, rows).tolist()):
+        place = f"{0.006 * np.sin(angle)} {0.004 * (n % rows)} {0.006 * np.cos(angle)}"
+        text += f'<link name="l_index_skin_{n}"/>' + FIXED.format(
+            f"l_index_skin_{n}", "tip", place, f"{-np.pi / 2} {angle} 0"
+        )
+    (pad,) = urdf(tmp_path, text).pads
+    assert (pad.taxels, pad.modules, pad.link) == (3 * rows, (), "l_index_skin_0")
+    # in the frame of the first, whose -y is outwards
+    np.testing.assert_allclose(pad.normals[0], [0.0, -1.0, 0.0], atol=1e-9)
+    turned = np.rad2deg(np.arccos(np.minimum(pad.normals @ pad.normals[0], 1.0)))
+    np.testing.assert_allclose(turned, np.repeat([0.0, 40.0, 80.0], rows), atol=1e-5)
 
 
 def test_sensors_of_mujoco(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from tci.lab.authoring.sdf_model import sdf_as_urdf
 from tci.messages.frames import Array, apply, invert, rpy_of, transform
 from tci.robot.description import Grid, Model
 from tci.robot.mesh_files import NO_MESHES
-from tci.robot.model_file import load_spec
+from tci.robot.model_file import BOUND_MASS, load_spec
 from tci.robot.model_format import model_format
 from tci.robot.skin_files.urdf import read_tactile_sensors
 from tci.robot.tactile_devices import Device, DevicePad, best_fit, device
@@ -43,6 +43,9 @@ SMALL = 0.008
 """Side [m] of the place that a taxel without an outline is taken to cover. Assumed."""
 SKIN_MODULE, PER_MODULE = "skin", 10
 """Last word of the names of iCub's triangular modules, and taxels that the frame of one stands for."""
+APART = 0.010
+"""Distance [m] below which two such frames are single taxels: modules have sides of 30 mm, and their middles
+are 17 mm apart or more on an iCub; the taxels of its fingertips 4 mm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,7 +192,7 @@ def pads_of(
     frames = {pad.link for pad in search.pads if pad.members != (pad.link,)}
     search.pads = [pad for pad in search.pads if pad.members != (pad.link,) or pad.link not in frames]
     left = {why: tuple(names) for why, names in search.left_out.items()}
-    return FoundPads(model, tuple(_named(_arrays(search.pads))), left, tuple(search.notes))
+    return FoundPads(model, tuple(_named(_arrays(search))), left, tuple(search.notes))
 
 
 def _plain(root: etree._Element) -> etree._Element:
@@ -223,13 +226,20 @@ def _of_link(search: _Search, body: int, name: str, wanted: Device | None) -> Pa
     while carrier and not model.body_jntnum[carrier] and claims(str(model.body(carrier).name)):
         carrier = int(model.body_parentid[carrier])
     T_LC = invert(points.pose(body)) @ points.pose(carrier)
-    inside, own = apply(T_LC, points.own(carrier)), points.own(body)
+    inside, own = apply(T_LC, _inside(points, carrier)), points.own(body)
     shape = outline(own, inside, T_LC[:3, 3]) if len(own) else None
     if shape is None:
         return _single(name, "empty link" if not len(own) else "link", name, np.eye(4), inside)
     geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == body]
     solid = any(model.geom_contype[geom] or model.geom_conaffinity[geom] for geom in geoms)
     return replace(_fitted(name, "link with a shape", name, shape, wanted), solid=solid)
+
+
+def _inside(points: LinkPoints, carrier: int) -> Array:
+    """Points (n, 3) [m] inside the body that carries a pad, in its frame: of its shapes, or without any its
+    centre of mass."""
+    own, model = points.own(carrier), points.compiled
+    return own if len(own) or model.body_mass[carrier] <= BOUND_MASS else model.body_ipos[carrier][None]
 
 
 def _fitted(name: str, how: str, link: str, shape: Outline, wanted: Device | None) -> Pad:
@@ -404,11 +414,11 @@ def _of_gazebo(search: _Search, root: etree._Element) -> None:
             search.leave("a contact sensor of Gazebo: a whole link, no pad", sensor.get("name") or str(where))
 
 
-def _arrays(pads: Iterable[Pad]) -> list[Pad]:
-    """Joins the triangular modules of an iCub, which differ only in a running number. Others stay as they
-    are."""
+def _arrays(search: _Search) -> list[Pad]:
+    """Joins the triangular modules of an iCub, and the taxels of its fingertips, which differ only in a
+    running number. Others stay as they are."""
     groups: dict[str, list[Pad]] = {}
-    for pad in pads:
+    for pad in search.pads:
         name, number = stem(pad.name)
         single = pad.how == "empty link" and number is not None and name.lower().endswith(SKIN_MODULE)
         groups.setdefault(name if single else f"={pad.name}/{id(pad)}", []).append(pad)
@@ -418,10 +428,39 @@ def _arrays(pads: Iterable[Pad]) -> list[Pad]:
             joined += found
             continue
         found.sort(key=lambda pad: stem(pad.name)[1] or 0)
-        frames = tuple(pad.name for pad in found)
-        joined.append(replace(found[0], name=name, how="array of triangular modules", members=frames,
-                              modules=frames))  # fmt: skip
+        joined.append(_array(search.points, name, tuple(pad.name for pad in found), found[0]))
     return joined
+
+
+def _array(points: LinkPoints, name: str, frames: tuple[str, ...], first: Pad) -> Pad:
+    """One pad of the links `frames`: modules, or taxels if they are too near to each other for that."""
+    bodies = [int(points.compiled.body(frame).id) for frame in frames]
+    T_FR = invert(points.pose(bodies[0]))
+    poses = T_FR @ np.array([points.pose(body) for body in bodies])
+    places = poses[:, :3, 3]
+    between = np.linalg.norm(places[:, None] - places, axis=2)[np.triu_indices(len(frames), 1)]
+    if between.min() >= APART:
+        return replace(first, name=name, how="array of triangular modules", members=frames, modules=frames)
+    carrier = int(points.compiled.body_parentid[bodies[0]])
+    normals = _normals(poses, apply(T_FR @ points.pose(carrier), _inside(points, carrier)))
+    return Pad(name, "array of empty links, one taxel each", first.link, frames, places, normals)
+
+
+def _normals(poses: Array, inside: Array) -> Array:
+    """Normals (n, 3) of taxels whose frames `poses` (n, 4, 4) are all meant alike: the axis that points away
+    from the nearest of the shapes' points `inside` (m, 3), and along which neighbours lie least."""
+    places, turns = poses[:, :3, 3], poses[:, :3, :3]
+    nearest = np.argsort(np.linalg.norm(places[:, None] - places, axis=2), axis=1)[:, 1:4]
+    neighbours = np.einsum("nij,nki->nkj", turns, places[nearest] - places[:, None])
+    depth = np.abs(neighbours).sum(axis=(0, 1))
+    off = places - places.mean(axis=0)
+    if len(inside):
+        order = np.argsort(np.linalg.norm(places[:, None] - inside, axis=2), axis=1)
+        off = places - inside[order[:, : len(inside) // 4 + 1]].mean(axis=1)
+    away = np.einsum("nij,ni->j", turns, off)
+    score = np.abs(away) / np.linalg.norm(away) - depth / depth.sum()
+    axis = int(np.argmax(score))
+    return np.array(turns[:, :, axis] * (1.0 if away[axis] >= 0.0 else -1.0))
 
 
 def _named(pads: Iterable[Pad]) -> list[Pad]:

@@ -21,12 +21,14 @@ SPEED = float(np.deg2rad(120.0))
 """Speed limit [rad/s] of a joint for which the file gives no limit or a placeholder."""
 FASTEST = 50.0
 """A speed limit [rad/s] in the file that is at least this value counts as a placeholder."""
-ACCELERATION = np.deg2rad((400.0, 2400.0))
+ACCELERATION = np.deg2rad((700.0, 2400.0))
 """Range [rad/s2] of proposed acceleration limits. Within this range, the proposed limit is the acceleration
-that a quarter of the joint's torque limit gives to the largest inertia that the joint carries."""
+that a quarter of the joint's torque limit gives to the largest inertia that the joint carries. From 700
+degrees/s2 on, a servo that follows 10 ms late has moved by 0.05 degrees within the 23 ms that a reflex has
+beside the skin's frame; with 400 it takes 24 ms or more, whatever the jerk."""
 MOST_TORQUE = 0.35
 """Largest fraction of a joint's torque that the proposed acceleration limit may need. More than a quarter of
-the torque is used only if a quarter gives less than 400 degrees/s2."""
+the torque is used only if a quarter gives less than the least of `ACCELERATION`."""
 SLOWEST = float(np.deg2rad(30.0))
 """Least acceleration [rad/s2] that an arm's joint must reach with its full torque, while it moves its largest
 inertia. Real arms reach more than 10 rad/s2. If a joint does not reach SLOWEST, a value in the file has a
@@ -35,7 +37,9 @@ LOST = 1.0 / 3.0
 """Largest fraction of a joint's torque that damping may use at full speed. The remaining torque moves the
 limb and carries its weight."""
 JERK = 100.0
-"""Ratio of the proposed jerk limit to the proposed acceleration limit [1/s]."""
+"""Ratio [1/s] of the proposed jerk limit to the acceleration that the joint's full torque gives, or to the
+largest of `ACCELERATION`: a motor has its full torque after 10 ms at the earliest. Electric motors need 1 to
+3 ms; how much of its torque a motion uses changes nothing about that."""
 TORQUE, FINGER_TORQUE = (40.0, 1e4), (1.0, 10.0)
 """Torque [N m] that a joint gets if the file has none, and the limit from which the file's is a placeholder:
 of any joint, and of a finger's joint, whose motor reaches about 1 N m. With 40 N m, the fingers of an Allegro
@@ -133,8 +137,10 @@ def proposed_limits(given: JointFacts, inertia: float, *, of_finger: bool = Fals
     acceleration = float(np.clip(0.25 * able, min(ACCELERATION[0], MOST_TORQUE * able), ACCELERATION[1]))
     step = 10.0 if acceleration >= np.deg2rad(10.0) else 0.1
     acceleration = float(np.deg2rad(step * max(1.0, np.floor(np.rad2deg(acceleration) / step + 1e-9))))
+    jerk = JERK * max(min(able, ACCELERATION[1]), acceleration)
+    jerk = float(np.deg2rad(round(np.rad2deg(jerk), -1)))
     return Limits(
-        lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=JERK * acceleration,
+        lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=jerk,
         torque=torque, assumed=tuple(dict.fromkeys(assumed)),
     )  # fmt: skip
 

@@ -154,6 +154,7 @@ ROBOTS: dict[str, Callable[[Any, Path], Any]] = {
     "skin_of": lambda robot, _: [one.name for one in tci.capabilities.Need("skin").skin_of(robot)],
     "TouchEnv": lambda robot, _: BY_NAME["TouchEnv"](robot).policy,
     "NamedRobot": lambda robot, _: BY_NAME["NamedRobot"](robot).observed,
+    "TouchVectorEnv": lambda robot, _: BY_NAME["TouchVectorEnv"](robot, 1, threads=1).policy,
     "batch_scene": lambda robot, _: BY_NAME["batch_scene"](robot).taxels,
     "make_worlds": lambda robot, _: BY_NAME["make_worlds"](robot, 1).joints,
     "simulate": lambda robot, _: BY_NAME["simulate"](robot, duration=0.01, cores=1)[0].world,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,13 @@ from tci.batch.limiter import BatchLimiter
 from tci.batch.scene import BatchScene
 from tci.batch.worlds import Ids, Worlds
 from tci.errors import CommandError, TciError
-from tci.messages import JointReading, Perception
+from tci.messages import JointReading, Perception, SkinState
 from tci.messages.contacts import CONTACT, TAXEL, Contacts
 from tci.messages.frames import Array, frozen
 from tci.simulation.finger import DAMPING, STIFFNESS
 from tci.simulation.finger import PARKED as FINGER_PARKED
 from tci.simulation.stepping import POKE
+from tci.simulation.world import World
 from tci.skin.kernels.arrays import Clusters, ContactArrays
 from tci.skin.kernels.contacts import SUMMARY
 from tci.skin.tracking import Tracker
@@ -88,6 +90,10 @@ class MujocoWorlds(Worlds):
         self._trackers: list[Tracker] = []
         self.frames = 0
         """Frames of skin so far, of whichever patches."""
+        self._shared = -1, self._stamps(), np.zeros(p, np.int64)
+        self._none = (
+            frozen(np.zeros(p + 1, np.int64)), frozen(np.zeros(0, np.int32)), frozen(np.zeros(0)),
+        )  # fmt: skip
         self.reset()
 
     def reset(self, worlds: ArrayLike | None = None) -> None:
@@ -107,7 +113,7 @@ class MujocoWorlds(Worlds):
             self._trackers[w] = Tracker()
         if worlds is None:
             self.steps = 0
-            self._rows["count"], self._rows["due"] = -1, 0
+            self._rows["count"], self._rows["due"], self._shared = -1, 0, (-1, *self._shared[1:])
         self.batch.forward(ids)
 
     def retire(self, worlds: ArrayLike | None = None) -> None:
@@ -169,17 +175,40 @@ class MujocoWorlds(Worlds):
     def perceive(self, world: int) -> Perception:
         """What a perceiver would say of one world at the time of the latest frame."""
         qpos, qvel = (one[world : world + 1] for one in self._then)
-        drives, time = self.scene.world.servos.drives[::-1], float(self._stamps().max(initial=0.0))
+        drives, time = self.scene.world.servos.drives[::-1], float(self._latest()[0].max(initial=0.0))
         velocity = np.zeros(self._wanted.shape[1])
         velocity[drives["servo"]] = qvel[0, drives["dof"]] / drives["ratio"]
         angles = self._servo_angles(qpos, self._asked["target"][world : world + 1])[0]
         joints = JointReading(time, self.frames, frozen(angles), frozen(velocity))
-        return Perception(time, self.scene.body.posture(joints), self.contacts(world), joints=joints)
+        return Perception(
+            time,
+            self.scene.body.posture(joints),
+            self.contacts(world),
+            joints=joints,
+            skin=self._skin_of(world),
+        )
+
+    def _skin_of(self, world: int) -> SkinState:
+        starts, numbers = self.scene.body.layout.starts, self._numbers[world]
+        _, listed, pressure, _, _ = self._felt
+        stamps, sequence = self._latest()
+        if not numbers.any():
+            return SkinState(starts, stamps, sequence, self._none[0], *self._none[1:])
+        own = np.concatenate([np.arange(s, s + n) for s, n in zip(starts, numbers.tolist(), strict=False)])
+        begin = np.concatenate([[0], np.cumsum(numbers)])
+        active, pressures = frozen(listed[world, own]), frozen(pressure[world, own])
+        return SkinState(starts, stamps, sequence, frozen(begin), active, pressures)
 
     def _stamps(self) -> Array:
         """Times (p,) [s] of the latest frames."""
         stamps: Array = self._rows["taken"] * self.scene.step
         return stamps
+
+    def _latest(self) -> tuple[Array, NDArray[np.int64]]:
+        """Times (p,) [s] and sequence numbers (p,) of the latest frames, for all worlds; read-only."""
+        if self._shared[0] != self.frames:
+            self._shared = self.frames, frozen(self._stamps()), frozen(self._rows["count"].copy())
+        return self._shared[1:]
 
     def _contacts_of(self, world: int) -> tuple[Any, Any, Any]:
         """Views of rows, beginnings and taxels of the contacts of one world."""
@@ -227,8 +256,26 @@ class MujocoWorlds(Worlds):
     def contacts(self, world: int) -> Contacts:
         """Contacts of one world in its latest frames, as a perceiver finds them; identified after `track`."""
         rows, begin, taxels = (one.copy() for one in self._contacts_of(world))
-        sequence = frozen(self._rows["count"].copy())
-        return Contacts(self.scene.body.layout.sites, frozen(self._stamps()), sequence, rows, begin, taxels)
+        return Contacts(self.scene.body.layout.sites, *self._latest(), rows, begin, taxels)
+
+    def touch(self, world: int, arrange: Callable[[World], object]) -> None:
+        """Has the finger of one world do what `arrange` has it do in a single world in the same posture, such
+        as `lambda one: one.finger.poke("left_forearm", 100)`, with its look whether there is room."""
+        one, finger = self.scene.world, self.scene.world.finger
+        one.data.qpos[:] = self._qpos[world]
+        one.touch_physics()
+        try:
+            arrange(one)
+            if finger.pose is None:
+                return
+            fields: Any = self.batch
+            fields.mocap_pos[world, finger.mocap] = one.data.mocap_pos[finger.mocap]
+            fields.mocap_quat[world, finger.mocap] = one.data.mocap_quat[finger.mocap]
+            self._qpos[world, finger.qpos], self._qvel[world, finger.dof] = 0.0, finger.state["speed"][0]
+            self._pokes[world] = finger.state[0]
+            self._pokes["begin"][world] = self.time
+        finally:
+            one.reset()
 
     def _link_poses(self, bodies: Ids, worlds: Ids) -> tuple[Array, Array]:
         self.batch.forward(worlds, stage=int(mujoco.mjtStage.mjSTAGE_POS))

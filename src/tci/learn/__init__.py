@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from tci.learn.tasks import WITHDRAWAL as WITHDRAWAL
     from tci.learn.touch_env import Camera as Camera
     from tci.learn.touch_env import TouchEnv as TouchEnv
+    from tci.learn.touch_vector_env import TouchVectorEnv as TouchVectorEnv
 else:
     __all__, __getattr__, __dir__ = lazy_names(__name__)
 
@@ -30,5 +31,6 @@ for _name in ("withdrawal", "hold", "reach"):
     gymnasium.register(
         id=f"tci/{_name.title()}-v0",
         entry_point=f"{__name__}.touch_env:TouchEnv",
+        vector_entry_point=f"{__name__}.touch_vector_env:TouchVectorEnv" if _name == "withdrawal" else None,
         kwargs={"task": _name},
     )

@@ -14,11 +14,13 @@ from tci.body.places import Place
 from tci.body.touchable import Touchable, touchable
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import default_fields
-from tci.capabilities.policy.observations import Observation, View, no_goal
+from tci.capabilities.policy.observations import OBSERVATIONS, Observation, View, no_goal
 from tci.capabilities.policy.spec import PolicySpec
+from tci.errors import TciError, UnknownNameError
 from tci.messages import LimbPlace
 from tci.messages.frames import Array
 from tci.robot.description import Robot
+from tci.robot.generic_arm import SEGMENTS
 from tci.simulation.hand_path import APPROACH
 from tci.simulation.obstacle import Obstacle
 from tci.simulation.poke_first import poke_first
@@ -124,3 +126,43 @@ class TouchTask:
     """Things in the world; `reset` places them."""
     duration: float = 1.5
     """Length [s] of an episode."""
+
+    def complete(self, spec: PolicySpec, view: View) -> PolicySpec:
+        """The spec with kind and joints of the part in `view`, and with its scales.
+
+        Raises TciError for actions in advance, and for an unknown observation.
+        """
+        if spec.chunk != 1 or spec.latency:
+            raise TciError(
+                f"policy: chunk {spec.chunk}, latency {spec.latency} s; valid in an environment: 1 and 0, "
+                "since each step has an action"
+            )
+        part = view.body.robot.part(view.part)
+        joints = tuple(servo.name for servo in part.servos)
+        if joints != spec.joints:
+            scale = spec.action_scale[: len(joints)]
+            scale = scale if len(scale) == len(joints) else ()
+            spec = replace(spec, kind=part.kind, joints=joints, action_scale=scale, action_mean=())
+        known = {**OBSERVATIONS, **self.observations}
+        sizes = {name: np.size(known[name].see(view)) for name in spec.observations if name in known}
+        if unknown := set(spec.observations) - set(sizes):
+            raise UnknownNameError("observation", min(unknown), known)
+        return spec.with_scales(sizes, self.observations)
+
+
+def felt_part(robot: Robot, part: str | None = None) -> str:
+    """The part that an episode touches, by default one with joints and skin, an arm in its sleeve first.
+
+    Raises TciError for a `part` without skin, UnknownNameError for an unknown one.
+    """
+    worn = {patch.part for patch in robot.patches}
+    if part is None:
+        limbs = {patch.part for patch in robot.patches if patch.segment in SEGMENTS}
+        able = [one for one in robot.parts if any(joint.servo is not None for joint in one.servos)]
+        best = sorted(able, key=lambda one: (one.name not in limbs, one.kind != "arm", one.side == "right"))
+        part = next((one.name for one in best if one.name in worn), "left_arm")
+    name = robot.part(part).name
+    if name not in worn:
+        valid = ", ".join(dict.fromkeys(patch.part for patch in robot.patches))
+        raise TciError(f"{robot.name} has no skin on {name}; valid: {valid or 'no part'}")
+    return name

@@ -16,16 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 from tci.body.generic_body import GenericBody
 from tci.body.touchable import without_skin
 from tci.capabilities.orders import begin_of, step_of
-from tci.capabilities.policy.observations import OBSERVATIONS, View
+from tci.capabilities.policy.observations import View
 from tci.capabilities.policy.spec import CLIP, PolicySpec, Seen
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError, UnknownNameError
-from tci.learn.task import PersonTouches, Scene, TouchTask
+from tci.learn.task import PersonTouches, Scene, TouchTask, felt_part
 from tci.learn.tasks import TASKS
 from tci.messages import GenericCommand, Mode, Order, Perception, Reading, SwitchMode
 from tci.messages.frames import read_only
-from tci.robot.description import Robot
-from tci.robot.generic_arm import SEGMENTS
 from tci.robot.like import RobotLike, as_robot
 from tci.runtime.control import Control
 from tci.simulation.touching import people_needed
@@ -121,10 +119,7 @@ class TouchEnv(gymnasium.Env[Vector, Vector]):
             if not 0.0 < value < np.inf:
                 raise TciError(f"{name} {value}; valid: above 0 and finite")
         self.robot = as_robot(robot)
-        self.part = self.robot.part(part or _felt_part(self.robot)).name
-        if not any(patch.part == self.part for patch in self.robot.patches):
-            valid = ", ".join(dict.fromkeys(patch.part for patch in self.robot.patches))
-            raise TciError(f"{self.robot.name} has no skin on {self.part}; valid: {valid or 'no part'}")
+        self.part = felt_part(self.robot, part)
         self.without_skin = without_skin(self.robot)
         """Parts of the robot on which no touch is felt."""
         if any(" of " in bare or self.robot.part(bare).kind == "arm" for bare in self.without_skin):
@@ -141,32 +136,12 @@ class TouchEnv(gymnasium.Env[Vector, Vector]):
             self.robot, step=step, noise=noise, period=1.0 / rate, people=people, obstacles=task.obstacles
         )
         self._begin(0)
-        self.policy = self._complete(policy or task.policy)
+        self.policy = task.complete(policy or task.policy, self._view(0.0))
         """What a policy that is trained here sees, and what its actions mean, for `write_policy`."""
         self.metadata = {**self.metadata, "render_fps": max(round(self.policy.rate), 1)}
         size = self.policy.history * len(self.policy.scale)
         self.observation_space = spaces.Box(-CLIP, CLIP, (size,), np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.policy.joints),), np.float32)
-
-    def _complete(self, spec: PolicySpec) -> PolicySpec:
-        """The spec with kind and joints of this part, and with its scales."""
-        if spec.chunk != 1 or spec.latency:
-            raise TciError(
-                f"policy: chunk {spec.chunk}, latency {spec.latency} s; valid in an environment: 1 and 0, "
-                "since each step has an action"
-            )
-        part = self.robot.part(self.part)
-        joints = tuple(servo.name for servo in part.servos)
-        if joints != spec.joints:
-            scale = spec.action_scale[: len(joints)]
-            scale = scale if len(scale) == len(joints) else ()
-            spec = replace(spec, kind=part.kind, joints=joints, action_scale=scale, action_mean=())
-        known = {**OBSERVATIONS, **self.task.observations}
-        view = View(self._seen_now, self.body, self.part, self.home, self.home, 0.0, self.scene.goal)
-        sizes = {name: np.size(known[name].see(view)) for name in spec.observations if name in known}
-        if unknown := set(spec.observations) - set(sizes):
-            raise UnknownNameError("observation", min(unknown), known)
-        return spec.with_scales(sizes, self.task.observations)
 
     def _begin(self, seed: int) -> None:
         """Arranges an episode."""
@@ -288,12 +263,3 @@ class TouchEnv(gymnasium.Env[Vector, Vector]):
             own=self.task.observations,
         )  # fmt: skip
         return self._seen.history.ravel().astype(np.float32)
-
-
-def _felt_part(robot: Robot) -> str:
-    """The part that an episode touches: a part with joints and skin, an arm in its sleeve first."""
-    limbs = {patch.part for patch in robot.patches if patch.segment in SEGMENTS}
-    worn = {patch.part for patch in robot.patches}
-    able = [part for part in robot.parts if any(joint.servo is not None for joint in part.servos)]
-    best = sorted(able, key=lambda part: (part.name not in limbs, part.kind != "arm", part.side == "right"))
-    return next((part.name for part in best if part.name in worn), "left_arm")

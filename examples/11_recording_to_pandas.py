@@ -21,7 +21,9 @@ if not sys.argv[1:]:
             driver,
             tci.WithdrawalReflex(),
             duration=0.5,
-            observe=lambda tick: recorder.tick(tick.now, tick.reading, tick.commands, tick.sent),
+            observe=lambda tick: recorder.tick(
+                tick.now, tick.reading, tick.commands, tick.sent, tick.perception
+            ),
         )
 
 recording = tci.Recording(path)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mcap.writer import Writer
 
 from helpers.recorded import equal_readings, record_poke
 from tci.capabilities.withdrawal import WithdrawalReflex
@@ -16,11 +15,11 @@ from tci.drivers.replay import ReplayDriver, changed_versions
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DriverError, RecordingError
 from tci.reasons import Code, Reason
+from tci.recording.growing import GrowingMcap
 from tci.recording.recorder import Recorder
 from tci.recording.recording import Recording
 from tci.recording.rosmsg.cdr import decode, encode
 from tci.recording.schemas import DECISION
-from tci.recording.topics import Topics
 from tci.robot.catalogue import load_robot
 from tci.runtime.loop import Tick, run
 
@@ -134,16 +133,14 @@ def test_what_can_not_be_replayed_is_told(tmp_path: Path) -> None:
 def with_decisions(source: Path, target: Path, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
     """Writes a copy of a recording with changed decisions."""
     recording = Recording(source)
-    with target.open("wb") as file:
-        writer = Writer(file)
-        writer.start(profile="ros2", library="test")
-        writer.add_metadata("tci", recording.about)
-        topics = Topics(writer)
-        for topic, kind, stamp, data in recording.messages():
-            if kind is DECISION:
-                data = encode(kind, [*change(decode(kind, data)).values()])
-            topics.put(topic, kind, stamp, data)
-        topics.finish()
+    file = GrowingMcap(target, library="test")
+    file.describe("tci", recording.about)
+    for topic, kind, stamp, data in recording.messages():
+        if kind is DECISION:
+            data = encode(kind, [*change(decode(kind, data)).values()])
+        file.put(topic, kind, stamp, data)
+    file.finish()
+    file.close()
 
 
 @pytest.mark.parametrize(("field", "counts"), [("text", False), ("code", True), ("number", True)])

@@ -40,7 +40,6 @@ from tci.lab.faults.fault_injector import FaultInjector, FaultPlan
 from tci.lab.faults.injectors import INJECTORS
 from tci.lab.viewer.steered import Steered
 from tci.messages import GenericCommand, Mode, Perception
-from tci.recording.compact import compact
 from tci.recording.recorder import Recorder
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
@@ -193,8 +192,6 @@ def record(name: str) -> None:
                 recorder.tick(tick.now, tick.reading, tick.commands, tick.sent)
 
             run(driver, case.capability(), duration=case.duration, observe=see)
-            recorder.close(compacted=False)
-    compact(path, path, robot=None)  # without clouds of points
     np.savez_compressed(FOLDER / f"{name}.npz", **perceived(ticks))
 
 

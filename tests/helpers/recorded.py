@@ -37,7 +37,7 @@ def record_poke(
 
         def see(tick: Tick) -> None:
             ticks.append(tick)
-            recorder.tick(tick.now, tick.reading, tick.commands, tick.sent)
+            recorder.tick(tick.now, tick.reading, tick.commands, tick.sent, tick.perception)
 
         run(driver, WithdrawalReflex(), duration=duration, observe=see)
     return ticks

@@ -29,33 +29,33 @@ def info(file: RecordingFile, as_json: AsJson = False) -> None:
     from tci.recording.recording import Recording
 
     recording = Recording(file)
-    times = [tick.now for tick in recording.ticks()]
-    counts = recording.counts()
+    topics = recording.topics()
+    periods = topics.get("/tci/tick")
     about: dict[str, Any] = {key: text for key, text in recording.about.items() if key != "description"}
     whole: dict[str, Any] = {
         "file": str(file),
         "bytes": file.stat().st_size,
         "complete": recording.complete,
         "lost": [asdict(one) for one in recording.lost],
-        "periods": len(times),
-        "from_s": times[0] if times else None,
-        "to_s": times[-1] if times else None,
-        "topics": counts,
+        "periods": periods.messages if periods else 0,
+        "from_s": periods.first if periods else None,
+        "to_s": periods.last if periods else None,
+        "topics": {name: topic.messages for name, topic in topics.items()},
         "about": about,
     }
     if as_json:
         print_json(whole)
         return
     state = "[green]complete[/]" if recording.complete else "[yellow]cut off; readable up to there[/]"
-    span = f"{times[0]:.3f} to {times[-1]:.3f} s" if times else "empty"
-    head = f"[bold]{escape(file.name)}[/]  {whole['bytes'] / 1e6:.2f} MB, {len(times)} periods"
+    span = f"{periods.first:.3f} to {periods.last:.3f} s" if periods else "empty"
+    head = f"[bold]{escape(file.name)}[/]  {whole['bytes'] / 1e6:.2f} MB, {whole['periods']} periods"
     console.print(f"{head}, {span}, {state}", highlight=False)
     for lost in recording.lost:
         console.print(f"  {lost}; the rest is read", style="yellow", highlight=False, markup=False)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("topic")
     table.add_column("messages", justify="right")
-    for topic, count in sorted(counts.items()):
+    for topic, count in sorted(whole["topics"].items()):
         table.add_row(escape(topic), str(count))
     console.print(table)
     for key, text in about.items():
@@ -79,9 +79,8 @@ def cut(
     """
     from tci.cli.console import written
     from tci.errors import RecordingError
-    from tci.recording.compact import compact
+    from tci.recording.cut import cut as command
     from tci.recording.recording import Recording
-    from tci.robot.catalogue import load_robot
 
     if out.exists():
         raise RecordingError(f"{out} exists and is not replaced; valid: a new file name")
@@ -93,14 +92,7 @@ def cut(
         raise RecordingError(
             f"{file} has nothing from {begin} to {end} s; valid: within {first:.3f} to {last:.3f} s"
         )
-    about = recording.about
-    try:
-        robot = load_robot(about.get("robot", "")) if "/" not in about.get("robot", "/") else None
-    except Exception:  # without the robot's description, the export has no point clouds
-        robot = None
-    if robot is not None and robot.digest != about.get("description_sha256"):
-        robot = None
-    compact(file, out, robot=robot, begin=begin, end=end, about={"cut_from": file.name})
+    command(file, out, begin=begin, end=end, about={"cut_from": file.name})
     written(out, {}, as_json=as_json)
 
 

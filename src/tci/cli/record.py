@@ -27,6 +27,7 @@ def record(
 
     Example:  tci record touch.mcap nao --duration 10
     """
+    from tci.body.generic_body import GenericBody
     from tci.cli.session import recorder_for
     from tci.drivers.registry import connect
     from tci.robot.catalogue import load_robot
@@ -40,8 +41,9 @@ def record(
             words = f"recording {driver.robot.name} to {file}; end with Ctrl-C"
             console.print(words, highlight=False, markup=False)
         with suppress(KeyboardInterrupt):
-            for moment in Control(driver, write=False).periods(duration=duration):
-                recorder.tick(moment.now, moment.reading)
+            body = GenericBody(driver.robot) if driver.robot.model is not None else None
+            for moment in Control(driver, body, write=False).periods(duration=duration):
+                recorder.tick(moment.now, moment.reading, perception=moment.perception)
                 if recorder.failed:
                     break
     print_recording(recorder, as_json=as_json)

@@ -114,7 +114,11 @@ class Session:
         def see(tick: Tick) -> None:
             if self.recorder is not None:
                 self.recorder.tick(
-                    tick.now, tick.reading, tick.commands, tick.sent if self.driver.armed else None
+                    tick.now,
+                    tick.reading,
+                    tick.commands,
+                    tick.sent if self.driver.armed else None,
+                    tick.perception,
                 )
             log.see(tick)
             self._observe(tick)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
 
-from tci.errors import RecordingError
+from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
+from tci.errors import FrameError, RecordingError
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.messages.frames import Array
 from tci.recording.recorder import Recorder
@@ -85,10 +87,27 @@ class Plausibility:
         return tuple(found)
 
 
+class Importer:
+    """Writes imported readings, with the skin as other programs show it if the robot has a model."""
+
+    def __init__(self, recorder: Recorder, robot: Robot | None) -> None:
+        self.recorder = recorder
+        self._perceiver: Perceiver | None = None
+        if robot is not None and robot.model is not None:
+            self._perceiver = Perceiver(GenericBody(robot))
+
+    def write(self, reading: Reading) -> None:
+        now, perception = reading.joints.stamp, None
+        if self._perceiver is not None:
+            with suppress(FrameError):  # frames that do not fit are recorded as they are
+                perception = self._perceiver.step(reading, now)
+        self.recorder.tick(now, reading, perception=perception)
+
+
 @contextmanager
 def importing(
     out: Path, robot: Robot | None, *, middleware: str, source: str, period: float = 0.0
-) -> Iterator[Recorder]:
+) -> Iterator[Importer]:
     """Opens a recording. Deletes the file if the `with` block raises an error or the disk is full.
 
     Raises RecordingError if the file exists or can't be written.
@@ -96,7 +115,7 @@ def importing(
     recorder = Recorder(out, robot, middleware=middleware, period=period, about={"source": source})
     try:
         with recorder:
-            yield recorder
+            yield Importer(recorder, robot)
         if recorder.failed:
             raise RecordingError(recorder.failed)
     except BaseException:
@@ -126,11 +145,10 @@ def import_frames(
     still = np.zeros(len(angles))
     if robot is not None:
         source += ", joints at the initial posture"
-    with importing(out, robot, middleware=middleware, source=source, period=max(period, 0.0)) as recorder:
+    with importing(out, robot, middleware=middleware, source=source, period=max(period, 0.0)) as importer:
         for number, item in enumerate(chain(first, items)):
-            stamp = item[0].stamp
-            recorder.tick(stamp, Reading(JointReading(stamp, number, angles, still), item))
-    return recorder.ticks
+            importer.write(Reading(JointReading(item[0].stamp, number, angles, still), item))
+    return importer.recorder.ticks
 
 
 def check_size(frame: SkinFrame, robot: Robot) -> None:

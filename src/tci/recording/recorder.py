@@ -1,14 +1,12 @@
-"""Writes a recording while the robot runs. Every period is in the file before the next period begins.
+"""Writes a recording while the robot runs. Every period is in the file, compressed, before the next begins.
 
-Until the recording is closed, the file has no chunks and no compression. So if the process is killed, nothing
-that was written is lost. When the recording is closed, the file is compacted. If the disk fails, the
-recording ends, but the control loop continues.
+So a killed process loses at most the period that it was writing, and closing only adds the index. If the disk
+fails, the recording ends, but the control loop continues.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import platform
 import sys
 import time
@@ -18,15 +16,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from mcap.writer import Writer
-
 import tci
 from tci.errors import RecordingError, TciError
 from tci.gate.safe_command import SafeCommand
-from tci.messages import JointReading, Order, Reading, SkinFrame
-from tci.recording.compact import compact
+from tci.messages import JointReading, Order, Perception, Reading, SkinFrame
+from tci.recording.clouds import Clouds
+from tci.recording.growing import GrowingMcap
 from tci.recording.names import servo_names
 from tci.recording.schemas import (
+    CLOUD,
     COMMAND,
     DECISION,
     FORMAT,
@@ -42,7 +40,6 @@ from tci.recording.schemas import (
     tick_bytes,
     to_nanoseconds,
 )
-from tci.recording.topics import Topics
 from tci.robot.description import Robot
 from tci.robot.like import RobotLike, as_robot
 
@@ -84,28 +81,25 @@ class Recorder:
         robot = None if robot is None else as_robot(robot)
         self.path = Path(path)
         self.failed = ""
-        """Reason why the recording ended early or could not be compacted. The text is empty if there was no
-        error."""
+        """Reason why the recording ended early; empty if it did not."""
         self.ticks = 0
         """Number of periods written."""
         try:
-            self._file = _Out(self.path)
+            self._file = GrowingMcap(self.path, library=f"tci {tci.__version__}")
         except FileExistsError:
             raise RecordingError(f"{self.path} exists and is not replaced; valid: a new file name") from None
         except OSError as error:
             raise RecordingError(f"no recording at {self.path}: {error.strerror}") from error
-        self._robot = robot
         self._names = servo_names(robot) if robot else []
         self._open = True
         self._numbers: dict[str, int] = {}
         self._frames: dict[str, SkinFrame] = {}
         self._joints: JointReading | None = None
-        writer = Writer(self._file, use_chunking=False)  # type: ignore[arg-type] # write and tell do
-        self._topics = Topics(writer)
+        self._clouds: Clouds | None = None
+        self._drawn = robot if robot is not None and robot.model is not None else None
         with _Guard(self):
-            writer.start(profile="ros2", library=f"tci {tci.__version__}")
             known = {} if keep_alive is None else {"keep_alive_s": repr(keep_alive)}
-            writer.add_metadata("tci", _metadata(robot, middleware, period, known | dict(about or {})))
+            self._file.describe("tci", _metadata(robot, middleware, period, known | dict(about or {})))
             self._file.flush()
 
     def tick(
@@ -114,52 +108,60 @@ class Recorder:
         reading: Reading,
         commands: Sequence[Order] = (),
         sent: SafeCommand | None = None,
+        perception: Perception | None = None,
     ) -> None:
-        """Writes one period of the loop. Errors of the disk are stored in `failed` and not raised."""
+        """Writes one period of the loop. Errors of the disk are stored in `failed` and not raised.
+
+        With the `perception` of this period, other programs can show the skin: ten times a second its points
+        and pressures are written too.
+        """
         if self.failed or not self._open:
             return
         with _Guard(self):
             stamp = to_nanoseconds(now)
             if self._joints is None or not _same_joints(self._joints, reading.joints):
-                self._topics.put("/joint_states", JOINTS, stamp, joints_bytes(self._names, reading.joints))
+                self._file.put("/joint_states", JOINTS, stamp, joints_bytes(self._names, reading.joints))
                 if reading.joints.gravity is not None or (self._joints and self._joints.gravity is not None):
-                    self._topics.put("/imu", IMU, stamp, imu_bytes(reading.joints))
+                    self._file.put("/imu", IMU, stamp, imu_bytes(reading.joints))
             self._joints = reading.joints
             for frame in reading.skin:
                 self._skin(frame, stamp)
             patches = [self._numbers[frame.patch] for frame in reading.skin]
-            self._topics.put("/tci/tick", TICK, stamp, tick_bytes(now, reading.joints, patches))
+            self._file.put("/tci/tick", TICK, stamp, tick_bytes(now, reading.joints, patches))
             for command in commands:
-                self._topics.put("/tci/command", COMMAND, stamp, command_bytes(now, command))
+                self._file.put("/tci/command", COMMAND, stamp, command_bytes(now, command))
             if sent is not None:
-                self._topics.put("/tci/decision", DECISION, stamp, decision_bytes(sent))
+                self._file.put("/tci/decision", DECISION, stamp, decision_bytes(sent))
+            if perception is not None and self._drawn is not None:
+                self._draw(now, perception, self._drawn)
             self._file.flush()
             self.ticks += 1
 
-    def close(self, *, compacted: bool = True) -> None:
-        """Completes the file: replaces it by a compressed file with an index and point clouds.
-
-        A second call has no effect.
-        """
+    def close(self) -> None:
+        """Completes the file with its index. A second call has no effect."""
         if not self._open:
             return
         self._open = False
         if not self.failed:
             with _Guard(self):
-                self._topics.finish()
-                self._file.flush()
+                self._file.finish()
         self._file.close()
-        if compacted and not self.failed:
-            try:
-                compact(self.path, self.path, robot=self._robot)
-            except TciError as error:
-                self.failed = f"complete, but not compressed: {error}"
+
+    def _draw(self, now: float, perception: Perception, robot: Robot) -> None:
+        try:
+            clouds = self._clouds = self._clouds or Clouds(robot)
+        except TciError:  # the model can't be used any more
+            self._drawn = None
+            return
+        cloud = clouds.draw(now, perception)
+        if cloud is not None:
+            self._file.put("/skin/points", CLOUD, to_nanoseconds(now), cloud)
 
     def _skin(self, frame: SkinFrame, stamp: int) -> None:
         number = self._numbers.setdefault(frame.patch, len(self._numbers))
         before = self._frames.get(frame.patch)
         if before is None or not _same_frame(before, frame):
-            self._topics.put(f"/skin/{frame.patch}", SKIN, stamp, skin_bytes(frame, number))
+            self._file.put(f"/skin/{frame.patch}", SKIN, stamp, skin_bytes(frame, number))
         self._frames[frame.patch] = frame
 
     def to_json(self) -> dict[str, Any]:
@@ -197,40 +199,6 @@ class _Guard:
         self._recorder.failed = f"ended early: {self._recorder.path}: {error.strerror or error}"
         self._recorder._file.cut()
         return True
-
-
-class _Out:
-    """A new file that is written in complete periods.
-
-    Data is passed to the operating system only by `flush`.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644)
-        self._waiting = bytearray()
-        self._good = 0
-
-    def write(self, data: bytes) -> int:
-        self._waiting += data
-        return len(data)
-
-    def tell(self) -> int:
-        return self._good + len(self._waiting)
-
-    def flush(self) -> None:
-        while self._waiting:
-            written = os.write(self._fd, self._waiting)
-            if not written:
-                raise OSError("nothing could be written")
-            self._good += written
-            del self._waiting[:written]
-
-    def cut(self) -> None:
-        """Discards data that is not yet passed to the operating system."""
-        self._waiting.clear()
-
-    def close(self) -> None:
-        os.close(self._fd)
 
 
 def _same_joints(a: JointReading, b: JointReading) -> bool:

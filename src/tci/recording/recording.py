@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import io
 import logging
+import os
 import struct
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -18,7 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import zstandard
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
+from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
@@ -26,8 +28,10 @@ from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_
 from tci.errors import RecordingError
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.messages.frames import Array
+from tci.recording.growing import OPEN
 from tci.recording.rosmsg.cdr import MessageType, decode
 from tci.recording.schemas import (
+    CLOUD,
     COMMAND,
     COMMAND_1,
     DECISION,
@@ -45,9 +49,13 @@ from tci.recording.schemas import (
 _log = logging.getLogger("tci")
 VALID = "valid: a recording of TCI (.mcap), as from tci record or tci run --record"
 """End of each error message about a file that is not a whole recording."""
-LARGEST = 64 * 2**20
+LARGEST = OPEN
 """Largest size [bytes] of a record, and of a chunk after decompression. Assumed: records and chunks of TCI's
 own recordings are smaller than 2 MiB."""
+PIECE = 2**10
+"""Bytes that are unpacked together where a chunk did not end: what a damaged piece holds is lost."""
+_RECORD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
 _PERIODS = (1e-4, 10.0)
 """Shortest and longest control period [s] that is accepted in a recording. Assumed: no control loop has a
 period outside this range.
@@ -84,6 +92,16 @@ class LostChunk:
 
     def __str__(self) -> str:
         return f"{self.begin:.3f} to {self.end:.3f} s can't be read: {self.reason}"
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """How much of one kind a recording has."""
+
+    messages: int
+    first: float
+    """Time [s] of its earliest message, on the recording's clock."""
+    last: float
 
 
 @dataclass(slots=True)
@@ -132,7 +150,7 @@ class Recording:
             raise RecordingError(
                 f"{self.path} has format {form[:20]!r}; this version of TCI reads {', '.join(_FORMATS)}"
             )
-        kinds = (JOINTS, IMU, SKIN, TICK, *_FORMATS[form])
+        kinds = (JOINTS, IMU, SKIN, TICK, CLOUD, *_FORMATS[form])
         self._kinds = {kind.name: kind for kind in kinds}
 
     @property
@@ -155,27 +173,34 @@ class Recording:
         except (KeyError, ValueError):
             return None
 
+    def topics(self) -> dict[str, Topic]:
+        """Counts the messages of each topic, also of topics that TCI does not read, without decoding them.
+
+        Reads the whole file, so `lost` and `complete` are valid afterwards.
+        """
+        names: dict[int, str] = {}
+        found: dict[int, list[int]] = {}
+        for record in self._records():
+            if isinstance(record, Message):
+                one = found.setdefault(record.channel_id, [0, record.log_time, record.log_time])
+                one[0] += 1
+                one[1], one[2] = min(one[1], record.log_time), max(one[2], record.log_time)
+            elif isinstance(record, Channel):
+                names[record.id] = record.topic
+        return {
+            names.get(channel, ""): Topic(count, first * 1e-9, last * 1e-9)
+            for channel, (count, first, last) in found.items()
+        }
+
     def span(self) -> tuple[float, float]:
         """Returns the times [s] of the first and last message on the recording's clock. Reads the whole file.
 
         Raises RecordingError if the recording has no messages.
         """
-        stamps = [stamp for _, _, stamp, _ in self.messages()]
-        if not stamps:
+        topics = self.topics().values()
+        if not topics:
             raise RecordingError(f"{self.path} has no message")
-        return min(stamps) * 1e-9, max(stamps) * 1e-9
-
-    def counts(self) -> dict[str, int]:
-        """Returns the number of messages of each topic, also of topics that TCI does not read. Reads the
-        whole file."""
-        topics: dict[int, str] = {}
-        counted: Counter[str] = Counter()
-        for record in self._records():
-            if isinstance(record, Channel):
-                topics[record.id] = record.topic
-            elif isinstance(record, Message):
-                counted[topics.get(record.channel_id, "")] += 1
-        return dict(counted)
+        return min(one.first for one in topics), max(one.last for one in topics)
 
     def ticks(self) -> Iterator[RecordedTick]:
         """Yields every complete period, in the order of the file, but for those that need data of a damaged
@@ -185,6 +210,8 @@ class Recording:
         commands: list[dict[str, Any]] = []
         decision: dict[str, Any] | None = None
         for _, kind, _, data in self.messages():
+            if kind is CLOUD:
+                continue
             if waiting is not None and kind in (JOINTS, IMU, SKIN, TICK):
                 yield RecordedTick(*waiting, tuple(commands), decision)
                 waiting, commands, decision = None, [], None
@@ -248,11 +275,13 @@ class Recording:
         """
         self.complete, self.lost = False, ()
         with _Bounded(io.FileIO(self.path)) as file:
-            limit = min(LARGEST, self.path.stat().st_size)
             # Channels and schemas are repeated after the data, which has no effect.
-            records = _Records(file, emit_chunks=True, record_size_limit=limit).records
+            records = _Records(file, emit_chunks=True, record_size_limit=LARGEST).records
             try:
-                yield from self._unpacked(records)
+                try:
+                    yield from self._unpacked(records)
+                except _Unfinished as found:
+                    yield from _inside(_so_far(found.chunk))
             except (EndOfFile, struct.error):
                 return  # the file was cut off here: all previous records are complete
             except InvalidMagic:
@@ -268,16 +297,12 @@ class Recording:
                 _check_chunk(record)
                 try:
                     stream, length = get_chunk_data_stream(record, validate_crc=True)
-                    data = io.BytesIO(stream.read(length))
+                    data = stream.read(length) if length else b""
                 except (McapError, CRCValidationError, zstandard.ZstdError) as error:
                     self._lose(record, str(error))
                     yield from self._definitions()
                     continue
-                try:
-                    yield from _Records(data, skip_magic=True, emit_chunks=True).records
-                except EndOfFile:
-                    if data.tell() < length:
-                        raise
+                yield from _inside(data)
             else:
                 yield record
                 self.complete |= isinstance(record, Footer)
@@ -302,6 +327,13 @@ class Recording:
                 yield from summary.channels.values()
 
 
+class _Unfinished(Exception):
+    """The file ends in a chunk that was still being written."""
+
+    def __init__(self, chunk: bytes) -> None:
+        self.chunk = chunk
+
+
 class _Records(StreamReader):
     """Reads the records of a file or a chunk, up to the first record that consists of zeros.
 
@@ -312,6 +344,8 @@ class _Records(StreamReader):
     def _read_record(self, opcode: int, length: int) -> McapRecord | None:
         if opcode == 0:  # no record has this opcode
             raise EndOfFile
+        if opcode == Opcode.CHUNK and length == OPEN:
+            raise _Unfinished(self._stream.read(length))
         return super()._read_record(opcode, length)
 
 
@@ -323,6 +357,44 @@ class _Bounded(io.BufferedReader):
         if size is None or not 0 <= size <= LARGEST:
             raise RecordingError(f"a record declares {size} bytes; valid: 0 to {LARGEST}")
         return super().read(size)
+
+
+def _inside(chunk: bytes) -> Iterator[Schema | Channel | Message]:
+    """Yields the records of an unpacked chunk. Raises EndOfFile where it is cut off."""
+    place = 0
+    while place < len(chunk):
+        opcode, length = _RECORD.unpack_from(chunk, place)
+        place += _RECORD.size
+        after = place + length
+        if opcode == 0 or after > len(chunk):  # see `_Records`
+            raise EndOfFile
+        if opcode == Opcode.MESSAGE:
+            channel, sequence, time, published = _MESSAGE.unpack_from(chunk, place)
+            data = chunk[place + _MESSAGE.size : after]
+            yield Message(
+                channel_id=channel, log_time=time, data=data, publish_time=published, sequence=sequence
+            )
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            kind = Schema if opcode == Opcode.SCHEMA else Channel
+            yield kind.read(ReadDataStream(io.BytesIO(chunk[place:after])))
+        place = after
+
+
+def _so_far(chunk: bytes) -> bytes:
+    """What was written of a chunk that did not end, unpacked."""
+    head = io.BytesIO(chunk)
+    head.seek(3 * 8 + 4)  # its times, size and checksum, which are known at its end
+    compression = head.read(int.from_bytes(head.read(4), "little"))
+    head.seek(8, os.SEEK_CUR)
+    if compression != b"zstd":
+        return b""
+    unpack, found = zstandard.ZstdDecompressor().decompressobj(), bytearray()
+    with suppress(zstandard.ZstdError):  # it ends here, or is damaged from here on
+        while piece := head.read(PIECE):
+            found += unpack.decompress(piece)
+            if len(found) > LARGEST:
+                raise RecordingError(f"a chunk of {len(found)} bytes; valid: at most {LARGEST}")
+    return bytes(found)
 
 
 def _check_chunk(chunk: Chunk) -> None:

@@ -55,11 +55,11 @@ def import_ros_bag(bag: Path, out: Path, robot: Robot) -> Imported:
         raise RecordingError(f"{bag} has no {JOINTS.name} of all servos of {robot.name}: {servos}, ...")
     period = float(np.median(np.diff([reading.joints.stamp for reading in first]))) if len(first) > 1 else 0.0
     source = f"ROS bag {bag.name}"
-    with importing(out, robot, middleware="ros2", source=source, period=period) as recorder:
+    with importing(out, robot, middleware="ros2", source=source, period=period) as importer:
         for reading in chain(first, readings):
             angles.see(reading.joints.position)
-            recorder.tick(reading.joints.stamp, reading)
-    return Imported(recorder.ticks, angles.doubts(), left_out)
+            importer.write(reading)
+    return Imported(importer.recorder.ticks, angles.doubts(), left_out)
 
 
 def _readings(bag: Path, robot: Robot) -> Iterator[Reading]:

@@ -223,7 +223,7 @@ def test_a_recording_is_made_and_its_name_stays_in_the_folder(
     page.get_by_text("periods,").filter(has_text="MB").first.wait_for()
     assert files(folder) == ["touch.mcap"]
     recording = Recording(folder / "touch.mcap")
-    assert recording.counts()["/tci/tick"] > 20
+    assert recording.topics()["/tci/tick"].messages > 20
     assert recording.complete
     assert recording.about["capability"] == "withdrawal"
 

@@ -232,8 +232,7 @@ class Session:
         self.say(f"recording to {path}")
 
     def stop_recording(self) -> Recorder | None:
-        """Closes the recording and returns its recorder, or None if there is no recording. The compression of
-        the file does not delay the loop."""
+        """Closes the recording and returns its recorder, or None if there is no recording."""
         with self._recording:
             recorder, self.recorder = self.recorder, None
         if recorder is not None:
@@ -275,7 +274,7 @@ class Session:
             now, reading, perception = moment.now, moment.reading, moment.perceived()
             with self._recording:
                 if self.recorder is not None:
-                    self.recorder.tick(now, reading)
+                    self.recorder.tick(now, reading, perception=perception)
             assert perception.skin is not None  # a Perceiver always sets `skin`
             felt = perception.skin.by_patch(self._patches)
             fault = fault_of_reading(self.robot, reading.joints, now, self.driver.gate.stale_after)
@@ -288,7 +287,7 @@ class Session:
     def _see(self, tick: Tick) -> None:
         with self._recording:
             if self.recorder is not None:
-                self.recorder.tick(tick.now, tick.reading, tick.commands, tick.sent)
+                self.recorder.tick(tick.now, tick.reading, tick.commands, tick.sent, tick.perception)
         sent = tick.sent
         state = (sent.state, sent.reason)
         if state[0] is not self._state[0]:

@@ -20,13 +20,13 @@ from tci.drivers.remote.address import parse_remote
 from tci.drivers.remote.protocol import SessionFrame
 from tci.messages import SkinFrame
 from tci.shared.interface_node import InterfaceNode, latest
+from tci.shared.ros1_node import Ros1Node
 from tci.shared.ros2_node import open_node
 from tci.shared.ros_node import RosNode
 from tci.wires.lcm import encoding as remote_lcm
 from tci.wires.lcm.driver import _Bus
 from tci.wires.player.wire import OPAQUE, STATE, Message, MessageKind, Stream, blob, to_blob
 from tci.wires.ros.messages import BYTES, NO_LAYOUT
-from tci.wires.ros.ros1 import Ros1Node
 from tci.wires.ros.rosbridge import RosbridgeNode
 from tci.wires.unitree.messages import HAND_STATE
 from tci.wires.unitree.wire import MOTOR_STATE, PRESS, encode_hand

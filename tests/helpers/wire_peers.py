@@ -27,9 +27,9 @@ from helpers.served import needs_qi
 from tci.drivers.driver import Driver
 from tci.drivers.simulated import SimulatedDriver
 from tci.shared.interface_node import InterfaceNode
+from tci.shared.ros1_node import Ros1Node
 from tci.shared.ros2_dds import DdsNode
 from tci.wires.lcm.datagrams import Transmitter
-from tci.wires.ros.ros1 import Ros1Node
 from tci.wires.ros.rosbridge import RosbridgeNode, parse
 from tci.wires.unitree.messages import STATE
 from tci.wires.unitree.wire import HEAD

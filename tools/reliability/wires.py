@@ -25,6 +25,7 @@ from tci.robot.kinematics import KinematicChain
 from tci.runtime.heartbeat import decode as to_beat
 from tci.runtime.heartbeat import encode as beat
 from tci.shared.ros_node import Callback, Publish, RosNode
+from tci.shared.ros_trees import Trees
 from tci.skin.surfaces import build_surface
 from tci.wires.lcm.datagrams import Datagrams
 from tci.wires.naoqi import words
@@ -33,7 +34,6 @@ from tci.wires.player.wire import Stream
 from tci.wires.ros.cloud import PatchCloud
 from tci.wires.ros.names import Names
 from tci.wires.ros.native import NativeRobot
-from tci.wires.ros.tree import Trees
 from yarpwire import message
 from yarpwire.bottle import decode_bottle, decode_vector
 from yarpwire.dialect import V3

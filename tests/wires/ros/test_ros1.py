@@ -31,8 +31,8 @@ from helpers.ros_robots import (
 from tci.drivers.registry import connect
 from tci.errors import DriverError
 from tci.exports.facts import query, read_facts
+from tci.shared.ros1_node import NAMES, Ros1Node
 from tci.wires.ros.messages import TEXT
-from tci.wires.ros.ros1 import NAMES, Ros1Node
 
 SERVE = (sys.executable, "-m", "tci.cli.main", "serve", "nao", "--duration", "120", "--via")
 pytestmark = pytest.mark.xdist_group("driver-ros1")

@@ -16,9 +16,9 @@ from helpers.wire_peers import free_port
 from tci.errors import DriverError
 from tci.gate.safe_command import GateState
 from tci.recording.schemas import CLOUD, JOINTS, cloud_fields, header
+from tci.shared.ros_trees import Trees
 from tci.wires.ros.messages import BYTES, NO_LAYOUT, TRAJECTORY
 from tci.wires.ros.rosbridge import MOST_WAITING, RosbridgeNode, _get, _new, parse
-from tci.wires.ros.tree import Trees
 
 pytestmark = pytest.mark.xdist_group("rosbridge")
 

@@ -18,9 +18,9 @@ from tci.errors import DriverError
 from tci.recording.rosmsg.cdr import MessageType
 from tci.robot.description import Robot
 from tci.shared.ros_node import Callback, Publish, RosNode, namespace_of
+from tci.shared.ros_trees import Trees
 from tci.wires.ros.driver import WAIT, RosDriver
 from tci.wires.ros.server import RosServer
-from tci.wires.ros.tree import Trees
 
 PORT = 9090
 """Default port of the server."""

@@ -123,6 +123,20 @@ def test_values_are_those_that_were_published(topic: str, published: str, msgs: 
         reader.close()
 
 
+def test_one_topic_feeds_several_patches(published: str) -> None:
+    via = f"{published}/json,path=data.thumb_matrix/data.index_matrix"
+    reader = SourceReader(via, source_at(f"array:ros2://{via}"), {"thumb": 16, "index": 16})
+    try:
+        reader.wait(10.0)
+        thumb, index = reader.pads["thumb"].values, reader.pads["index"].values
+        assert thumb is not None, reader.rejected
+        assert index is not None, reader.rejected
+        np.testing.assert_array_equal(thumb, (np.arange(16) * 7 + thumb[0]) % 200)
+        assert np.isnan(index).all(), "never read by the hand"
+    finally:
+        reader.close()
+
+
 def test_what_does_not_fit_is_told_with_what_there_is(published: str, msgs: Path) -> None:
     with pytest.raises(
         DriverError, match=r"nobody publishes /nowhere \(ROS domain.*xela \(xela_server_ros2/msg/S"
@@ -143,13 +157,15 @@ def test_what_does_not_fit_is_told_with_what_there_is(published: str, msgs: Path
 
 
 def test_paths_and_definitions_that_cannot_be_meant_are_refused(tmp_path: Path) -> None:
-    for text in ("", "a..b", "a[", "a[x]", "[0]"):
+    for text in ("", "a..b", "a[", "a[x]", "[0]", "a[1:2:3]"):
         with pytest.raises(DriverError, match=r"valid: name, name\[\]"):
             FieldPath(text)
     message = {"a": [{"k": 1, "v": [1, 2]}, {"k": 2, "v": [3, 4]}], "t": "{no json", "s": ["x"]}
     assert FieldPath("a[].v").values(message).tolist() == [1, 2, 3, 4]
     assert FieldPath("a[k=2].v[0]").values(message).tolist() == [3]
     assert FieldPath("a[-1].v").values(message).tolist() == [3, 4]
+    assert FieldPath("a[:1].v").values(message).tolist() == [1, 2]
+    assert FieldPath("a[].v[1:]").values(message).tolist() == [2, 4]
     for text, said in {
         "b": "no b; valid: a, t, s", "a[5].v": "there are 2", "t.x": "no JSON", "s": "no numbers",
         "a[k=9].v": "valid: k=1, 2", "t[0]": "no list",

@@ -56,8 +56,9 @@ class Source(ABC):
     """Name in the table of tactile devices, which knows rows and columns; empty if it is not there."""
     values_per_point: int = 1
     """Values that a pad has for each place: 3 for forces along three axes."""
-    wants: frozenset[str] = frozenset()
-    """Pads that the robot has a patch for; the others need not be read. Set before `open`."""
+    wants: tuple[str, ...] = ()
+    """Pads that the robot has a patch for, in the order of the address; the others need not be read. Set
+    before `open`."""
 
     def __init__(self, address: str = "") -> None:
         self.address = address

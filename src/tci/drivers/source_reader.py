@@ -91,7 +91,7 @@ class SourceReader:
         Raises DriverError, with the address `name`, if the source can't be opened.
         """
         self.name, self.source = name, source
-        source.wants = frozenset(pads)
+        source.wants = tuple(pads)
         self.pads = {pad: PadState(channels) for pad, channels in pads.items()}
         self.angles: Mapping[str, float] = {}
         self.rejected: Counter[str] = Counter()

@@ -22,9 +22,11 @@ from typing import Any
 from urllib.parse import urlsplit
 from xmlrpc.client import ServerProxy, Transport
 
+import numpy as np
+
 from tci.drivers.remote.hosts import numeric
 from tci.errors import DriverError, MissingExtraError
-from tci.recording.rosmsg.cdr import MessageType
+from tci.recording.rosmsg.cdr import NUMBERS, MessageType
 from tci.shared.own_sockets import ConnectionMonitor, listening
 from tci.shared.ros_node import Callback, Publish, RosNode
 from tci.shared.ros_trees import Trees
@@ -137,12 +139,29 @@ class Ros1Node(RosNode):
         )
         self._topics.append(subscriber)
 
+    def watch(self, topic: str, type_: str, definitions: str, callback: Callback, *, keep: int = 1) -> None:
+        """Takes the definition that the publisher sends, so it needs no package and no `definitions`."""
+
+        def received(message: Any) -> None:
+            self._pass_on(topic, partial(_fields_of_any, message), callback)
+
+        subscriber = self._rospy.Subscriber(
+            topic, self._rospy.AnyMsg, received, queue_size=keep, buff_size=BUFFER, tcp_nodelay=True
+        )
+        self._topics.append(subscriber)
+
+    def topics(self) -> dict[str, tuple[str, ...]]:
+        found: dict[str, tuple[str, ...]] = {}
+        with suppress(Exception):  # without an answer of the master, the result is empty
+            found = {topic: (_ros2_name(type_),) for topic, type_ in self._master.getPublishedTopics("")}
+        return found
+
     def types_of(self, topic: str) -> tuple[str, ...]:
         nodes: Sequence[str] = ()
         with suppress(Exception):  # without an answer of the master, the result is empty
             nodes = dict(self._master.getSystemState()[0]).get(topic, ())
         found = {dict(self._publications(node)).get(topic, "") for node in nodes} - {""}
-        return tuple(sorted(type_.replace("/", "/msg/", 1) for type_ in found))
+        return tuple(sorted(map(_ros2_name, found)))
 
     def _publications(self, node: str) -> Sequence[tuple[str, str]]:
         """Asks a node for its published topics and returns each topic with its type. The result is empty if
@@ -201,6 +220,46 @@ class _Brief(Transport):
         connection = super().make_connection(host)
         connection.timeout = MASTER_TIMEOUT
         return connection
+
+
+def where_seen() -> str:
+    """Where nodes are looked for, in words."""
+    return f"ROS master {os.environ.get('ROS_MASTER_URI') or MASTER}"
+
+
+def _ros2_name(type_: str) -> str:
+    return type_.replace("/", "/msg/", 1)
+
+
+def _fields_of_any(message: Any) -> dict[str, Any]:
+    """The fields of a message that was received as rospy's AnyMsg."""
+    header = message._connection_header
+    found = _class_of(header["type"], header["message_definition"])()
+    found.deserialize(message._buff)
+    return _fields(found)
+
+
+@cache
+def _class_of(type_: str, definition: str) -> Any:
+    return import_module("genpy.dynamic").generate_dynamic(type_, definition)[type_]
+
+
+def _fields(message: Any) -> dict[str, Any]:
+    return {
+        name: _value(type_, getattr(message, name))
+        for name, type_ in zip(message.__slots__, message._slot_types, strict=True)
+    }
+
+
+def _value(type_: str, value: Any) -> Any:
+    item, _, many = type_.partition("[")
+    if many:
+        if isinstance(value, bytes):
+            return np.frombuffer(value, np.uint8)
+        return np.array(value) if item in NUMBERS else [_value(item, one) for one in value]
+    if item in ("time", "duration"):
+        return {"sec": value.secs, "nanosec": value.nsecs}
+    return _fields(value) if hasattr(value, "_slot_types") else value
 
 
 @cache

@@ -10,6 +10,7 @@ from typing import Any
 
 from tci.errors import DriverError, TciError
 from tci.recording.rosmsg.cdr import MessageType
+from tci.shared.ros_types import message_type
 
 Publish = Callable[[Sequence[Any]], None]
 """Function that sends one message. The argument has the values of the message's fields in the order of
@@ -49,6 +50,21 @@ class RosNode(ABC):
     ) -> None:
         """Subscribes to a topic and passes the messages to `callback`. If more than `keep` messages arrive
         between two polls, passes only the last `keep` messages."""
+
+    def watch(self, topic: str, type_: str, definitions: str, callback: Callback, *, keep: int = 1) -> None:
+        """Subscribes to a topic of any type, and passes the fields of each message to `callback`, those of
+        nested messages as mappings.
+
+        Args:
+            topic: Name of the topic.
+            type_: `package/msg/Name`.
+            definitions: File or folder with definitions of the user's; empty for those of installed packages.
+            callback: As for `subscribe`.
+            keep: As for `subscribe`.
+
+        Raises DriverError if the type is not known.
+        """
+        self.subscribe(topic, message_type(type_, definitions), callback, keep=keep)
 
     @abstractmethod
     def types_of(self, topic: str) -> tuple[str, ...]:

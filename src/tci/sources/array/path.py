@@ -5,6 +5,7 @@
 | `name` | a field |
 | `name[]` | each item of a list |
 | `name[3]` | one item, from 0; -1 is the last |
+| `name[0:64]` | the items from 0 to 63; without a number from the first, or to the last |
 | `name[key=value]` | the items whose field `key` is `value`; `*` stands for any letters |
 
 If the items have no such field, `key` may be a list beside them: the items at whose place it has `value` are
@@ -28,9 +29,12 @@ from tci.errors import DriverError, FrameError
 
 STEP = re.compile(r"([A-Za-z_]\w*)((?:\[[^\]]*\])*)")
 INDEX = re.compile(r"-?\d+")
+SLICE = re.compile(r"(-?\d+)?:(-?\d+)?")
 PICK = re.compile(r"([A-Za-z_]\w*)=(.*)")
 SPLIT = re.compile(r"\.(?![^\[]*\])")
 """A dot that is not in brackets."""
+SEVERAL = re.compile(r"/(?![^\[]*\])")
+"""A stroke that is not in brackets, between the paths of several pads."""
 
 
 class FieldPath:
@@ -43,9 +47,12 @@ class FieldPath:
             match = STEP.fullmatch(part)
             picks = re.findall(r"\[([^\]]*)\]", match[2]) if match else []
             if match is None or not all(
-                not one or INDEX.fullmatch(one) or PICK.fullmatch(one) for one in picks
+                not one or INDEX.fullmatch(one) or SLICE.fullmatch(one) or PICK.fullmatch(one)
+                for one in picks
             ):
-                raise DriverError(f"path={text}: {part!r}; valid: name, name[], name[3], name[key=value]")
+                raise DriverError(
+                    f"path={text}: {part!r}; valid: name, name[], name[3], name[0:9], name[key=value]"
+                )
             self.steps.append((match[1], picks))
 
     def values(self, message: Mapping[str, Any]) -> NDArray[np.generic]:
@@ -88,6 +95,9 @@ class FieldPath:
             if not -len(items) <= int(pick) < len(items):
                 raise FrameError(f"{self.text}: [{pick}]; there are {len(items)}")
             yield items[int(pick)]
+        elif cut := SLICE.fullmatch(pick):
+            part = items[slice(*(int(one) if one else None for one in cut.groups()))]
+            yield from [part] if isinstance(part, np.ndarray) else part
         else:
             key, _, value = pick.partition("=")
             keys = [one.get(key) if isinstance(one, Mapping) else None for one in items]

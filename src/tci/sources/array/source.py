@@ -1,5 +1,5 @@
-"""`array:WHERE`: numbers as text lines from UDP, TCP or a serial port, from a topic of ROS 2, or from the
-program itself.
+"""`array:WHERE`: numbers as text lines from UDP, TCP or a serial port, from a topic of ROS 2 or ROS 1, or
+from the program itself.
 
 | WHERE | what it does |
 |---|---|
@@ -7,6 +7,7 @@ program itself.
 | `tcp://HOST:PORT` | connects and reads lines |
 | `serial:///dev/ttyACM0` | reads lines; option `baud`, by default 115200 |
 | `ros2:///TOPIC` | a topic of ROS 2; options `path`, `type`, `msg` and `pack` (`sources.array.topic`) |
+| `ros1:///TOPIC` | a topic of ROS 1; options `path`, `type` and `pack` |
 | `feed` | takes what the program gives to `driver.feed(patch, values)` |
 """
 
@@ -35,8 +36,8 @@ WAIT = 0.2
 """Longest time [s] of one `read`."""
 PLACE = re.compile(r"(udp|tcp)://(\[[0-9a-fA-F:]+\]|[^:/\[\]]*):(\d{1,5})")
 PORTS = 65536
-ROS2 = "ros2://"
-VALID = "udp://0.0.0.0:9000, tcp://HOST:PORT, serial:///dev/ttyACM0, ros2:///TOPIC, feed"
+ROS2, ROS1 = "ros2://", "ros1://"
+VALID = "udp://0.0.0.0:9000, tcp://HOST:PORT, serial:///dev/ttyACM0, ros2:///TOPIC, ros1:///TOPIC, feed"
 
 
 class ArraySource(Source):
@@ -58,13 +59,14 @@ class ArraySource(Source):
             address: See the module.
             baud: Speed of a serial port [1/s].
             missing: The number that means no value, beside NaN.
-            path: Where the numbers are in a message of ROS 2.
+            path: Where the numbers are in a message of ROS; for several patches one for each, with strokes
+                between them.
             type: Type of the message; empty for the one that its publisher says.
             msg: File or folder with the definition of the type, if no ROS package has it.
             pack: `be16` or `le16` if two bytes of the message are one value.
 
         Raises DriverError for an address or option that can't be meant, MissingExtraError without the library
-        for ROS 2.
+        for ROS.
         """
         super().__init__(address)
         try:
@@ -75,13 +77,18 @@ class ArraySource(Source):
         self._device = address.removeprefix("serial://") if address.startswith("serial://") else ""
         port = int(self._place[3]) if self._place else 0
         self._topic: Topic | None = None
-        if address.startswith(ROS2) and address.removeprefix(ROS2).startswith("/"):
+        if address.startswith((f"{ROS2}/", f"{ROS1}/")):
             with needs(f"the source 'array:{address}'", "ros2"):
-                from tci.sources.array.topic import Topic
-            name = address.removeprefix(ROS2)
-            self._topic = Topic(name, type_=type, path=path, msg=msg, pack=pack)
+                from tci.sources.array.topic import Topic, ros1, ros2
+
+                ros = ros2() if address.startswith(ROS2) else ros1()
+            if msg and address.startswith(ROS1):
+                raise DriverError(f"array:{address}: msg is for ros2; in ROS 1 publishers send definitions")
+            self._topic = Topic(ros, address[len(ROS2) :], type_=type, path=path, msg=msg, pack=pack)
         elif path or type or msg or pack:
-            raise DriverError(f"array:{address}: path, type, msg and pack are for ros2:///TOPIC")
+            raise DriverError(
+                f"array:{address}: path, type, msg and pack are for ros2:///TOPIC, ros1:///TOPIC"
+            )
         if not (self._place or self._device or self._topic or address == "feed") or port >= PORTS:
             raise DriverError(f"array:{address}; valid: {VALID}")
         self._socket: socket.socket | None = None
@@ -92,9 +99,7 @@ class ArraySource(Source):
     def open(self) -> None:
         self._lines = LineBuffer()
         if self._topic is not None:
-            if not self._default():
-                raise DriverError(f"a topic feeds one patch; valid: array:{self.address},patch=NAME")
-            self._topic.open()
+            self._topic.open(self.wants)
         elif self._device:
             self._serial = SerialPort(self._device, self._baud)
         elif self._place:
@@ -112,8 +117,8 @@ class ArraySource(Source):
             return self._next_fed()
         if self._topic is not None:
             return [
-                Sample(self._default(), no_values(values, self._missing), stamp)
-                for values, stamp in self._topic.read(WAIT)
+                Sample(pad, no_values(values, self._missing), stamp)
+                for pad, values, stamp in self._topic.read(WAIT)
             ]
         lines = self._lines.add(self._receive())
         found = []
@@ -149,7 +154,7 @@ class ArraySource(Source):
         self._fed.put(Sample(pad, no_values(values, self._missing)))
 
     def _default(self) -> str:
-        return next(iter(self.wants)) if len(self.wants) == 1 else ""
+        return self.wants[0] if len(self.wants) == 1 else ""
 
     def _next_fed(self) -> list[Sample]:
         try:

@@ -1,10 +1,12 @@
-"""Numbers from a topic of ROS 2, of any message type."""
+"""Numbers from a topic of ROS 2 or ROS 1, of any message type."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib import import_module
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +14,8 @@ from numpy.typing import NDArray
 from tci.drivers.diagnosis import Finding, Level
 from tci.errors import DriverError, FrameError
 from tci.recording.schemas import raw_of_cloud
-from tci.shared.ros2_node import open_node, where_seen
 from tci.shared.ros_node import RosNode, list_topics
-from tci.shared.ros_types import message_type
-from tci.sources.array.path import FieldPath
+from tci.sources.array.path import SEVERAL, FieldPath
 
 DISCOVERY = 3.0
 """Longest time [s] until a running publisher is found. Assumed: discovery takes a second or two."""
@@ -23,19 +23,47 @@ PAUSE = 0.002
 """Time [s] between two looks for messages."""
 CLOUD = "sensor_msgs/msg/PointCloud2"
 PLACES = ("x", "y", "z")
+DATA = FieldPath("data")
+"""Where the numbers are in arrays of the package std_msgs."""
+NODE = "tci_array_source"
 PACKS = {"be16": np.dtype(">u2"), "le16": np.dtype("<u2")}
 """How two bytes of a field of bytes make one value."""
 
 
-class Topic:
-    """One topic, from which one pad gets its values."""
+class Ros(NamedTuple):
+    """One kind of ROS, as far as a topic needs it."""
 
-    def __init__(self, name: str, *, type_: str, path: str, msg: str, pack: str) -> None:
+    open: Callable[[], RosNode]
+    where_seen: Callable[[], str]
+    """Where nodes are looked for, in words."""
+    hint: str
+    """What to do if nobody publishes."""
+
+
+def ros2() -> Ros:
+    """Raises ImportError without a library for ROS 2."""
+    module = import_module("tci.shared.ros2_node")
+    return Ros(lambda: module.open_node(NODE, ""), module.where_seen, "set ROS_DOMAIN_ID")
+
+
+def ros1() -> Ros:
+    """Raises MissingExtraError without rospy."""
+    module = import_module("tci.shared.ros1_node")
+    module.load_rospy()
+    return Ros(lambda: module.Ros1Node(NODE), module.where_seen, "set ROS_MASTER_URI")
+
+
+class Topic:
+    """One topic, from which one or more pads get their values."""
+
+    def __init__(self, ros: Ros, name: str, *, type_: str, path: str, msg: str, pack: str) -> None:
         """
         Args:
+            ros: Whose topic it is.
             name: Name of the topic, with a leading slash.
             type_: `package/msg/Name`; empty for the type that the publisher says.
             path: Where the numbers are (`FieldPath`), or the field of a PointCloud2; empty for the usual.
+                With strokes between them, one for each pad.
             msg: The user's definitions of message types: a file or a folder.
             pack: `be16` or `le16` if two bytes of the field are one value; empty if not.
 
@@ -43,46 +71,56 @@ class Topic:
         """
         if pack and pack not in PACKS:
             raise DriverError(f"pack={pack}; valid: {', '.join(PACKS)}")
-        self.name, self._type, self._msg, self._pack = name, type_, msg, PACKS.get(pack)
-        self._said = path
-        self._path = FieldPath(path or "data")
+        self.name, self._ros, self._type, self._msg, self._pack = name, ros, type_, msg, PACKS.get(pack)
+        self._paths = [FieldPath(one) for one in SEVERAL.split(path)] if path else []
         self._node: RosNode | None = None
-        self._arrived: list[tuple[NDArray[np.generic], float | None]] = []
+        self._arrived: deque[tuple[str, NDArray[np.generic], float | None]] = deque()
+        self._pads: Sequence[str] = ()
+        self._rejected: Counter[str] = Counter()
 
-    def open(self) -> None:
-        """Raises DriverError if nobody publishes the topic, or its type is not known."""
-        node = self._node = open_node("tci_array_source", "")
+    def open(self, pads: Sequence[str]) -> None:
+        """Raises DriverError if nobody publishes the topic, if its type is not known, or if there is not one
+        path for each of the `pads`."""
+        if len(pads) != max(len(self._paths), 1):
+            raise DriverError(
+                f"{len(self._paths) or 'no'} paths for {len(pads)} patches; valid: one for each patch, as in "
+                f"array:ros2://{self.name},patch=A/B,path=data[0:64]/data[64:128]"
+            )
+        self._pads = pads
+        node = self._node = self._ros.open()
+        self._rejected = Counter()
         end = time.monotonic() + DISCOVERY
         while not (offered := node.types_of(self.name)) and time.monotonic() < end:
             time.sleep(0.02)
         if not offered and not self._type:
             raise DriverError(
-                f"nobody publishes {self.name} ({where_seen()}); seen: {list_topics(node.topics())}; start "
-                "the publisher, set ROS_DOMAIN_ID, or name the type with type= to wait for it"
+                f"nobody publishes {self.name} ({self._ros.where_seen()}); seen: "
+                f"{list_topics(node.topics())}; start the publisher, {self._ros.hint}, or name the type with "
+                "type= to wait for it"
             )
         if self._type and offered and self._type not in offered:
             raise DriverError(
                 f"{self.name} is {', '.join(offered)}; valid: type={offered[0]}, or leave it out"
             )
         self._type = self._type or offered[0]
-        node.subscribe(self.name, message_type(self._type, self._msg), self._take, keep=4)
+        node.watch(self.name, self._type, self._msg, self._take, keep=4)
 
-    def read(self, wait: float) -> list[tuple[NDArray[np.generic], float | None]]:
-        """The values and stamps [s] of messages that arrived within `wait` [s]; None for one without a stamp.
+    def read(self, wait: float) -> list[tuple[str, NDArray[np.generic], float | None]]:
+        """Pad, values and stamp [s] from messages that arrived within `wait` [s]; None for one without a
+        stamp.
 
-        Raises FrameError if none of them could be used.
+        Raises FrameError if none arrived that could be used since one that couldn't.
         """
         node = self._node
         if node is None:
             raise ConnectionResetError("not open")
         end = time.monotonic() + wait
         while True:
-            before = node.rejected.copy()
             node.poll()
-            found, self._arrived = self._arrived, []
-            if found:
+            if found := [self._arrived.popleft() for _ in range(len(self._arrived))]:
                 return found
-            if fresh := node.rejected - before:
+            if fresh := node.rejected - self._rejected:
+                self._rejected = node.rejected.copy()
                 raise FrameError(next(iter(fresh)))
             if time.monotonic() >= end:
                 return []
@@ -95,10 +133,10 @@ class Topic:
             return
         offered = node.types_of(self.name)
         if offered:
-            yield Finding(Level.OK, self.name, f"{', '.join(offered)} in {where_seen()}")
+            yield Finding(Level.OK, self.name, f"{', '.join(offered)} in {self._ros.where_seen()}")
             return
-        said = f"nobody publishes it now ({where_seen()}); seen: {list_topics(node.topics())}"
-        yield Finding(Level.WARNING, self.name, said, "start its publisher, or set ROS_DOMAIN_ID")
+        said = f"nobody publishes it now ({self._ros.where_seen()}); seen: {list_topics(node.topics())}"
+        yield Finding(Level.WARNING, self.name, said, f"start its publisher, or {self._ros.hint}")
 
     def close(self) -> None:
         if self._node is not None:
@@ -106,18 +144,30 @@ class Topic:
             self._node = None
 
     def _take(self, message: Mapping[str, Any]) -> None:
+        """What one path does not find keeps no other pad from its values."""
+        stamp, fault = _stamp_of(message), None
+        for number, pad in enumerate(self._pads):
+            try:
+                self._arrived.append((pad, self._values(message, number), stamp))
+            except FrameError as error:
+                fault = fault or error
+        if fault is not None:
+            raise fault
+
+    def _values(self, message: Mapping[str, Any], number: int) -> NDArray[np.generic]:
+        path = self._paths[number] if self._paths else None
         if self._type == CLOUD:
             names = [str(field["name"]) for field in message["fields"]]
             usual = ["raw"] if "raw" in names else [name for name in names if name not in PLACES]
-            values = raw_of_cloud(message, self._said or (usual[0] if len(usual) == 1 else "raw"))
-        else:
-            values = self._path.values(message)
-        if self._pack is not None:
-            data = values.astype(np.uint8).tobytes()
-            if len(data) % self._pack.itemsize:
-                raise FrameError(f"{self._path.text}: {len(data)} bytes; valid: two for each value")
-            values = np.frombuffer(data, self._pack)
-        self._arrived.append((values, _stamp_of(message)))
+            return raw_of_cloud(message, path.text if path else usual[0] if len(usual) == 1 else "raw")
+        path = path or DATA
+        values = path.values(message)
+        if self._pack is None:
+            return values
+        data = values.astype(np.uint8).tobytes()
+        if len(data) % self._pack.itemsize:
+            raise FrameError(f"{path.text}: {len(data)} bytes; valid: two for each value")
+        return np.frombuffer(data, self._pack)
 
 
 def _stamp_of(message: Mapping[str, Any]) -> float | None:

@@ -95,6 +95,14 @@ def short(order: Order) -> tuple[Any, ...]:
     return order.part, order.mode.value, float(order.values[0])
 
 
+def test_only_who_moves_a_part_tells_of_it() -> None:
+    upper, lower = Script([[]], [[LEFT]]), Script([[]], [[LEFT, RIGHT]])
+    arbiter = Arbiter([upper, lower, Script()])
+    assert arbiter.notes(play(arbiter, 1)[1]) == (f"Script holds {LEFT}", f"Script holds {RIGHT}")
+    same = Arbiter([upper, Script([[]], [[LEFT]]), Script()])
+    assert same.notes(play(same, 1)[1]) == (f"Script holds {LEFT}",)
+
+
 def test_what_a_layer_claims_the_layers_below_cannot_move() -> None:
     upper = Script([[], [position(LEFT, 1.0)], []], [[], [LEFT], [LEFT], []])
     lower = Script([[position(LEFT, 0.1 * k), position(RIGHT, 0.1 * k)] for k in range(1, 6)])

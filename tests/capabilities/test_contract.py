@@ -17,6 +17,7 @@ from py_trees.composites import Selector
 
 import tci
 from helpers.turning import Turn
+from tci.capabilities import Companion
 from tci.capabilities.behaviour_tree import BehaviourTree, Reflex, Task
 from tci.capabilities.policy import PolicySpec
 from tci.gestures.gesture import Gesture, fit
@@ -52,6 +53,7 @@ def away(seen: np.ndarray) -> np.ndarray:
 
 MADE: dict[str, Callable[[], tci.Capability[Any]]] = {
     **REGISTERED,
+    "companion": Companion,
     "by velocity": lambda: tci.WithdrawalReflex(mode=Mode.VELOCITY),
     "lying": lambda: tci.BodyWithdrawal(stance="supported", refractory=0.05),
     "soft in torque mode": lambda: tci.SoftReaction(mode=Mode.TORQUE),

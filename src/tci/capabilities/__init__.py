@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from tci.capabilities.body_withdrawal import BodyWithdrawal as BodyWithdrawal
     from tci.capabilities.capability import Capability as Capability
     from tci.capabilities.capability import lacks as lacks
+    from tci.capabilities.companion import Companion as Companion
     from tci.capabilities.contact_stop import ContactStop as ContactStop
     from tci.capabilities.contact_stop import StopMemory as StopMemory
     from tci.capabilities.fields import BodyField as BodyField

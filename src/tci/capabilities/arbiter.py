@@ -119,12 +119,16 @@ class Arbiter(Capability[ArbiterMemory]):
         return (), replace(memory, taken=taken)
 
     def notes(self, memory: ArbiterMemory) -> tuple[str, ...]:
-        """Which layer holds what, and the notes of all layers."""
-        pairs = [*zip(self.layers, memory.layers, strict=True)]
+        """Which layer holds what, and the notes of all layers but those whose parts others hold."""
+        pairs = [
+            (capability, layer)
+            for capability, layer in zip(self.layers, memory.layers, strict=True)
+            if not layer.claims or layer.claims - layer.taken
+        ]
         holds = [
-            f"{type(unwrapped(capability)).__name__} holds {', '.join(sorted(layer.claims))}"
-            for capability, layer in pairs[:-1]
-            if layer.claims
+            f"{type(unwrapped(capability)).__name__} holds {', '.join(sorted(layer.claims - layer.taken))}"
+            for capability, layer in pairs
+            if layer.claims and capability is not self.layers[-1]
         ]
         return (*holds, *(note for capability, layer in pairs for note in capability.notes(layer.memory)))
 

@@ -64,6 +64,13 @@ def demo(
             "--view", help="Show the robots in the browser afterwards, so that you can poke the robots."
         ),
     ] = False,
+    show: Annotated[
+        str | None,
+        typer.Option(
+            help="Another demo: touch. People poke, pat and guide nao, icub and g1-inspire in the browser; "
+            "with --headless it is told in words."
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Poke simulated robots. All robots respond with the withdrawal reflex.
@@ -81,7 +88,18 @@ def demo(
     Example:  tci demo nao --out /path/to/folder
 
     Example:  tci demo --fault stall@0.32
+
+    Example:  tci demo --show touch
     """
+    if show is not None:
+        if fault or touch or touches or view or via or skin_rate or mode != "position":
+            raise CommandError(
+                "--show is a demo of its own; valid with it: ROBOTS, --out, --headless, --json"
+            )
+        from tci.cli.show import play_show
+
+        play_show(show, robot or [], out, headless=headless, as_json=as_json)
+        return
     if fault or touch or touches:
         from tci.cli.run import run_capability
 
@@ -102,9 +120,9 @@ def demo(
     _run_trials(robot or [], mode, out, seed=seed, headless=headless, skin_rate=skin_rate, via=via,
                 as_json=as_json)  # fmt: skip
     if view:
-        from tci.cli.view import view as show
+        from tci.cli.view import view as show_page
 
-        show(robot, port=0, out=out / "recordings", headless=headless)
+        show_page(robot, port=0, out=out / "recordings", headless=headless)
     elif not as_json:
         words = (
             f"Next: open {out / 'demo.png'}, then poke robots yourself in the browser: {next_command('demo')}"

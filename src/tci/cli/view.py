@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,7 +20,7 @@ from tci.errors import CommandError, RecordingError
 from tci.support.installed import needs
 
 if TYPE_CHECKING:
-    from tci.lab.viewer.app import Source
+    from tci.lab.viewer.app import Source, Viewer
     from tci.lab.viewer.player import Player
 
 REPLAY = "replay:"
@@ -81,13 +81,32 @@ def view(
 
     Example:  tci view --via replay:touch.mcap
     """
-    from tci.runtime.watchdogs import interruptions
-
     needs_viewer()
     from tci.lab.viewer.app import Viewer
 
     sources = _sources(robot or [], via or [], capability, arm=arm)
     viewer = Viewer(sources, host=host, port=port, folder=out)
+    serve_page(viewer, sources, duration=duration, headless=headless)
+
+
+def serve_page(
+    viewer: Viewer,
+    sources: Sequence[Source],
+    *,
+    duration: float | None = None,
+    headless: bool = False,
+    opened: Callable[[], None] = lambda: None,
+) -> None:
+    """Shows a page until somebody ends it, or for `duration` [s]. Calls `opened` once somebody sees it."""
+    from tci.runtime.watchdogs import interruptions
+
+    waiting = [opened]
+
+    def over() -> bool:
+        if waiting and viewer.server.get_clients():
+            waiting.pop()()
+        return interruption.signal is not None
+
     with suppress(KeyboardInterrupt), told_here(), interruptions() as interruption:
         try:
             for source in sources:
@@ -100,7 +119,7 @@ def view(
                 and (os.environ.get("DISPLAY") or sys.platform != "linux")
             ):
                 webbrowser.open(viewer.address)
-            viewer.run(duration=duration, until=lambda: interruption.signal is not None)
+            viewer.run(duration=duration, until=over)
         finally:
             interruption.rests = True
             viewer.close()

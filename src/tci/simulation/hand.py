@@ -171,6 +171,11 @@ class Hand:
         return float(self._hands.traces[self._number, (traced - 1) % TRACE]["asked"])
 
     @property
+    def leads(self) -> str:
+        """The pad that presses most in this touch."""
+        return PADS[int(np.argmax(self._hands.plans[self._number]["share"].max(axis=0)))]
+
+    @property
     def physics(self) -> Physics:
         return self._physics
 

@@ -40,5 +40,12 @@ def test_a_slider_is_heard_before_the_viewer_moves_it_back(tmp_path: Path) -> No
     while session.view.posture["left_arm"][1] < np.deg2rad(59.0):
         assert time.monotonic() < end, "the order was lost"
         time.sleep(0.01)
+    assert {"withdrawal", "attend", "teach"} <= {*controls.menu.options}
+    chosen = _messages.GuiUpdateMessage(controls.menu._impl.uuid, {"value": "attend"})
+    told = server.gui._handle_gui_updates(0, chosen)
+    asyncio.run_coroutine_threadsafe(told, server.get_event_loop()).result(PATIENCE)
+    while "runs attend" not in {words for _, words in list(session.events)}:
+        assert time.monotonic() < end, "the choice was lost"
+        time.sleep(0.01)
     server._connected_clients.clear()
     viewer.close()

@@ -30,7 +30,7 @@ def wait_for(what: Callable[[], object]) -> None:
 
 @pytest.fixture
 def session() -> Iterator[Session]:
-    driver = tci.connect(tci.load_robot("nao"), "sim", step=0.002)
+    driver = tci.connect(tci.load_robot("nao"), "sim", step=0.002, people=1, self_touch=False)
     session = Session(driver, tci.WithdrawalReflex(), about={"middleware": "sim", "capability": "withdrawal"})
     session.start()
     wait_for(lambda: session.view)
@@ -75,6 +75,18 @@ def test_which_layer_holds_a_part_is_told_once() -> None:
         assert words(session).count("holds left_arm") == 1
     finally:
         session.close()
+
+
+def test_another_capability_runs_also_in_another_control_mode(session: Session) -> None:
+    session.run("teach", tci.Teach())
+    wait_for(lambda: "runs teach" in words(session) and session.memory is not None)
+    session.run("withdrawal", tci.WithdrawalReflex(), home=True)
+    wait_for(lambda: "runs withdrawal" in words(session) and session.fields)
+    session.people_do(["poke 'left forearm' 10N @0.5s"])
+    wait_for(lambda: "left arm goes to" in words(session) or session.ended)
+    assert session.ended == ""
+    assert "refused" not in words(session)
+    assert session.runs == "withdrawal"
 
 
 def test_a_poke_without_room_is_told(session: Session) -> None:

@@ -83,7 +83,8 @@ class FingerReflex(Capability[FingerMemory]):
         now, open_, bend = perception.stamp, dict(memory.open), set[str]()
         orders, grips = self.grasp.step(memory.grips, perception, body)
         commands, forces = list(orders), forces_of(perception.contacts)
-        for part in body.parts("fingers"):
+        felt = {patch.part for patch in self.needs[0].skin_of(body.robot)}
+        for part in (one for one in body.parts("fingers") if one in felt):
             before = memory.grips.get(part)
             if grips[part].closed:
                 open_.pop(part, None)

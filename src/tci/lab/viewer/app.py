@@ -57,9 +57,19 @@ class Viewer:
         host: str = "127.0.0.1",
         port: int = 8080,
         folder: Path = Path("recordings"),
+        told: Callable[[], str] | None = None,
+        again: Callable[[], None] = lambda: None,
     ) -> None:
-        """Opens the page. The viewer writes new recordings to `folder`. Raises DriverError if the port is in
-        use."""
+        """Opens the page. Raises DriverError if the port is in use.
+
+        Args:
+            sources: robots and recordings, the first one at the left.
+            host: address on which the page is served.
+            port: 0 chooses a free one.
+            folder: where new recordings are written.
+            told: what a show says now, in Markdown; None without a show.
+            again: starts the show again.
+        """
         self.sources: Mapping[str, Source] = _by_key(sources)
         self.sessions = {key: source for key, source in self.sources.items() if isinstance(source, Session)}
         """Sources with a running robot, by the robot's name. If several robots have one name, a number after
@@ -86,6 +96,9 @@ class Viewer:
             self.figures[key].show_fields(source.fields)
         self._stand_side_by_side()
         self._set_scene()
+        self._told = told
+        if told is not None:
+            self._add_show(again)
         self._add_panels(folder)
 
     def run(self, *, duration: float | None = None, until: Callable[[], bool] = lambda: False) -> None:
@@ -251,6 +264,12 @@ class Viewer:
         tallest = max(figure.height for figure in self.figures.values())
         self._framing = Framing(self.server, panel, width=self._width, height=tallest)
 
+    def _add_show(self, again: Callable[[], None]) -> None:
+        with self.server.gui.add_folder("the show"):
+            self._story = self.server.gui.add_markdown("")
+            button = self.server.gui.add_button("Show it again")
+        button.on_click(lambda _: again())
+
     def _add_poke(self) -> None:
         gui = self.server.gui
         assumed = {
@@ -288,10 +307,13 @@ class Viewer:
             session.pace = pace
 
     def _show_events(self) -> None:
+        if self._told is not None:
+            _set(self._story, self._told())
         events: list[tuple[str, float, str]] = []
         hands: list[str] = []
         for key, source in self.sources.items():
             _set(self._badges[key], _badge(source))
+            self.figures[key].show_fields(source.fields)
             if source.view is not None:
                 hands += [f"{_title(source)}: {hand.words}" for hand in source.view.hands]
             events += [(_title(source), stamp, words) for stamp, words in list(source.events)[-6:]]

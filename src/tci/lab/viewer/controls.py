@@ -17,6 +17,7 @@ from tci.lab.viewer.rehearsal import description
 from tci.lab.viewer.session import Session
 from tci.recording.names import inside
 from tci.robot.generic_arm import JOINTS
+from tci.runtime.arguments import capabilities_for, load_capability
 
 LEFT_OUT = ("sigterm",)
 """Faults that are not offered on the page, because these faults would end the viewer."""
@@ -40,6 +41,7 @@ class Controls:
         self._folder = folder
         self._sliders: dict[str, list[tuple[int, viser.GuiSliderHandle[float]]]] = {}
         self._touched: dict[str, float] = {}
+        self._add_capability()
         self._add_posture()
         self._add_faults()
         self._add_recording()
@@ -47,6 +49,7 @@ class Controls:
     def update(self) -> None:
         """Shows the gate's response to a fault, and updates the sliders. The sliders are updated in viser's
         thread, so that a person's input is handled before they move."""
+        self._server.get_event_loop().call_soon_threadsafe(self._name_capability)
         rehearsal = self._session.rehearsal
         if rehearsal is not None and self._answer.content != rehearsal.words:
             self._answer.content = rehearsal.words
@@ -66,6 +69,29 @@ class Controls:
                 value = _on_slider(degrees[joint], slider.min, slider.max)
                 if abs(value - slider.value) > 1e-6:
                     slider.value = value  # type: ignore[misc] # viser's types say read-only
+
+    def _name_capability(self) -> None:
+        """The menu says what runs, also if a show has changed it."""
+        runs = self._session.runs
+        if self.menu.value != runs:
+            if runs not in self.menu.options:
+                self.menu.options = (runs, *self.menu.options)
+            self.menu.value = runs  # type: ignore[misc] # viser's types say read-only
+
+    def _add_capability(self) -> None:
+        session = self._session
+        names = dict.fromkeys([session.runs, *capabilities_for(session.robot)])
+        self.menu = self._gui.add_dropdown("capability", tuple(names), disabled=not session.armed)
+
+        # viser runs an `async` function at once, in viser's own thread.
+        @self.menu.on_update
+        async def _(event: viser.GuiEvent[Any]) -> None:
+            if event.client is None or self.menu.value == session.runs:
+                return  # The viewer has named what runs.
+            try:
+                session.run(self.menu.value, load_capability(self.menu.value))
+            except TciError as error:
+                session.say(str(error))
 
     def _add_posture(self) -> None:
         robot = self._session.robot

@@ -132,8 +132,8 @@ class Figure:
 
     def show_fields(self, fields: Sequence[ReceptiveField]) -> None:
         """Sets the receptive fields whose colours the skin shows. Without fields, the skin has one colour."""
-        self._fields = tuple(fields)
-        self._tinted = None
+        if tuple(fields) != self._fields:
+            self._fields, self._tinted = tuple(fields), None
 
     def show(self, view: View) -> None:
         """Draws a view. Sends only the differences from the previous view to the page."""

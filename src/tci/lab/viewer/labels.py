@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Container, Sequence
 from html import escape
 
@@ -78,3 +79,8 @@ def moves(part: str, values: Array) -> str:
     """Returns a command of generic angles [rad] as text: `left arm goes to 5, 25, 15, 40, 0 deg`."""
     degrees = np.rint(np.rad2deg(values)) + 0.0  # no -0
     return f"{part.replace('_', ' ')} goes to {', '.join(f'{angle:.0f}' for angle in degrees)} deg"
+
+
+def without_numbers(note: str) -> str:
+    """A note of which only forces and times differ from another one says nothing new."""
+    return re.sub(r"\d+(\.\d+)?", "#", note)

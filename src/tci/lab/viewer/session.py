@@ -6,7 +6,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -25,13 +25,13 @@ from tci.gate.acceptance import fault_of_reading
 from tci.gate.gate import GateState
 from tci.lab.faults.fault_injector import FaultInjector, FaultPlan
 from tci.lab.viewer.fields import fields_of
-from tci.lab.viewer.labels import moves, touched
+from tci.lab.viewer.labels import moves, touched, without_numbers
 from tci.lab.viewer.real_time import RealTime
 from tci.lab.viewer.rehearsal import Rehearsal
 from tci.lab.viewer.steered import Steered
 from tci.lab.viewer.touching import Touching
 from tci.lab.viewer.view import History, View
-from tci.messages import GenericCommand, Mode
+from tci.messages import GenericCommand, Mode, Order, SwitchMode
 from tci.reasons import Reason, text_of
 from tci.recording.recorder import Recorder
 from tci.runtime.control import Control
@@ -55,6 +55,10 @@ LEAVE, STAY = 0.3, 1.5
 began to touch, whichever is earlier. Assumed: long enough for a person to see the touch."""
 
 
+HOMEWARD = 1.0
+"""Speed [rad/s] on the way to the initial posture. Assumed: slow enough for a person who stands there."""
+
+
 class _Closed(Exception):
     """Raised to end the session: the loop then brings the robot to rest and returns."""
 
@@ -66,6 +70,9 @@ class Session:
         """Stores `about`, facts that each recording will contain. `start` begins the control loop, and
         `close` ends the loop."""
         self.robot = driver.robot
+        self._moving = [
+            part for part in driver.robot.parts if any(one.servo is not None for one in part.servos)
+        ]
         self._patches = [patch.name for patch in driver.robot.patches]
         self.driver = FaultInjector(driver, [])
         self.world = driver.world if isinstance(driver, SimulatedDriver) else None
@@ -84,24 +91,29 @@ class Session:
         self.pokes = 0
         """Number of pokes that began."""
         self.recorder: Recorder | None = None
-        self._about = about
+        self._about = dict(about)
         self.rehearsal: Rehearsal | None = None
         """The latest fault that a person injected."""
         self.fields = fields_of(capability)
         """Receptive fields of the behaviour. The tuple is empty if the behaviour has no fields on limbs."""
+        self.runs = about.get("capability", type(unwrapped(capability)).__name__)
+        """Name of the capability that runs."""
+        self.memory: Any = None
+        """Its latest memory."""
         self._steered = Steered(capability)
+        self._next: Capability[Any] | None = None
+        self._goes_home = False
         self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._again, self._closing = threading.Event(), threading.Event()
         self._recording = threading.Lock()
         self._noted: dict[str, float] = {}
-        self._notes: tuple[str, ...] = ()
+        self._notes: frozenset[str] = frozenset()
         self._real_time = RealTime()
         self._leave = np.inf
         self.touching = Touching(self.world) if self.world is not None and self.world.people else None
         """Hands that somebody moves on the page; None if this robot has no simulated people."""
         self._state: tuple[GateState, Reason | None] = (GateState.RUN, None)
-        for words in lacks(capability, self.robot):
-            self.say(f"{type(unwrapped(capability)).__name__}: {words}")
+        self._tell_lacks(capability)
         self._thread = threading.Thread(target=self._work, name=f"loop of {self.robot.name}", daemon=True)
 
     @property
@@ -174,15 +186,30 @@ class Session:
 
         self.post(lift)
 
+    def run(self, name: str, capability: Capability[Any], *, home: bool = False) -> None:
+        """Runs another capability, after the robot has come to rest. `home`: from its initial posture on."""
+        self.runs, self._next, self._goes_home = name, capability, home
+        if self.ended:
+            self.reset()
+
+    def people_do(self, touches: Sequence[str]) -> None:
+        """Has simulated people do touches in the words of `tci run --touch`. Raises CommandError if the robot
+        is not simulated."""
+        world = self.world
+        if world is None:
+            raise CommandError(
+                f"{self.robot.name} is not simulated, so no hand can touch it; valid: --via sim"
+            )
+        self.post(lambda: self.say(", ".join(one.touch.kind for one in world.touch(touches))))
+
     def move(self, part: str, posture: np.ndarray) -> None:
         """Moves a generic part to a posture (n,) [rad], through the gate."""
         self._steered.orders.put(GenericCommand(part, Mode.POSITION, np.array(posture, dtype=float)))
 
     def home(self) -> None:
         """Moves every part to its initial posture."""
-        for part in self.robot.parts:
-            if any(servo.servo is not None for servo in part.servos):
-                self.move(part.name, part.initial_posture)
+        for part in self._moving:
+            self.move(part.name, part.initial_posture)
 
     def inject(self, name: str, *, lasts: float) -> None:
         """Injects a fault now, for `lasts` [s]."""
@@ -247,6 +274,7 @@ class Session:
     def _work(self) -> None:
         while not self._closing.is_set():
             self.ended = ""
+            self._change()
             self._real_time.forget()
             try:
                 if self.armed:
@@ -341,15 +369,37 @@ class Session:
                     self.say(moves(order.part, order.values))
                 self._noted[order.part] = tick.now
 
+    def _change(self) -> None:
+        """Takes the capability that somebody chose. Another one may have left parts in other modes."""
+        if self._next is None:
+            return
+        capability, self._next = self._next, None
+        first: list[Order] = [SwitchMode(part.name, Mode.POSITION) for part in self._moving]
+        if self._goes_home:
+            first += [
+                GenericCommand(part.name, Mode.POSITION, part.initial_posture, HOMEWARD)
+                for part in self._moving
+            ]
+        self._steered = Steered(capability, first=first)
+        self.fields, self.memory, self._notes = fields_of(capability), None, frozenset()
+        self._about |= {"capability": self.runs, "settings": repr(capability)}
+        self.say(f"runs {self.runs}")
+        self._tell_lacks(capability)
+
+    def _tell_lacks(self, capability: Capability[Any]) -> None:
+        for words in lacks(capability, self.robot):
+            self.say(f"{type(unwrapped(capability)).__name__}: {words}")
+
     def _tell_notes(self, memory: Any) -> bool:
         """Adds an event to the page for each note of the capability that comes up, such as the layer that
-        holds a part. Never ends the run."""
-        notes = self._steered.notes(memory)
-        for note in notes:
-            if note not in self._notes:
+        holds a part. Ends the run when somebody chose another capability."""
+        self.memory = memory
+        notes = {without_numbers(note): note for note in self._steered.notes(memory)}
+        for kind, note in notes.items():
+            if kind not in self._notes:
                 self.say(note)
-        self._notes = notes
-        return False
+        self._notes = frozenset(notes)
+        return self._next is not None
 
     def _publish(self, view: View) -> None:
         self.view = view

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -19,8 +20,10 @@ class Steered(CapabilityWrapper[Any]):
     robot.
     """
 
-    def __init__(self, inner: Capability[Any]) -> None:
+    def __init__(self, inner: Capability[Any], *, first: Sequence[Order] = ()) -> None:
+        """`first` are orders before the capability's own first ones."""
         super().__init__(inner)
+        self._first = tuple(first)
         self.orders: SimpleQueue[Order] = SimpleQueue()
         """Orders of a person that wait for the next step. The method `step` returns these orders after the
         capability's orders."""
@@ -28,6 +31,9 @@ class Steered(CapabilityWrapper[Any]):
     def init(self, body: GenericBody) -> Any:
         self._given()
         return super().init(body)
+
+    def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
+        return (*self._first, *super().begin(perception, body))
 
     def step(self, memory: Any, perception: Perception, body: GenericBody) -> tuple[tuple[Order, ...], Any]:
         orders, memory = super().step(memory, perception, body)

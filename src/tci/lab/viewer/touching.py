@@ -54,14 +54,15 @@ class Touching:
                 del self._live[finger]
 
     def seen(self, contacts: Sequence[Contact]) -> tuple[TouchingHand, ...]:
-        """The hands at work, and what is felt of them."""
-        return tuple(
-            TouchingHand(
-                one.live.hand.tip(), one.live.asked, one.live.hand.force,
-                float(sum(contact.force for contact in contacts if contact.patch == one.start.patch)),
-            )
-            for one in self._live.values()
-        )  # fmt: skip
+        """The hands at work, and what is felt of them: of those that do planned touches, on all skin."""
+        live = {one.live.hand.name: one for one in self._live.values()}
+        found = []
+        for hand in (hand for person in self._world.people for hand in person.hands if hand.busy):
+            one = live.get(hand.name)
+            patch, tip = (None, hand.tip(hand.leads)) if one is None else (one.start.patch, hand.tip())
+            felt = sum(contact.force for contact in contacts if patch in (None, contact.patch))
+            found.append(TouchingHand(tip, hand.asked, hand.force, float(felt)))
+        return tuple(found)
 
 
 class _One:

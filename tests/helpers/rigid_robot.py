@@ -80,9 +80,13 @@ class Dirt:
     """Encoder's step [rad]."""
     late: tuple[int, int] = (1, 3)
     """Periods until a command takes effect."""
+    torque: tuple[float, float] = (0.2, 0.01)
+    """Measured torques: largest relative error of a joint's, and noise as a fraction of the torque limit."""
 
 
-CLEAN = Dirt(0.0, (120.0, 120.0), (1.0, 1.0), (0.5, 0.5), 0.0, (0.0, 0.0), 0.0, 0.0, (1e-9, 1e-9), (0, 0))
+CLEAN = Dirt(
+    0.0, (120.0, 120.0), (1.0, 1.0), (0.5, 0.5), 0.0, (0.0, 0.0), 0.0, 0.0, (1e-9, 1e-9), (0, 0), (0.0, 0.0)
+)
 
 
 class RigidClock:
@@ -152,7 +156,7 @@ class RigidRobot:
             rate: of readings and commands [Hz].
         """
         self.robot, self.people, self._dirt = robot, tuple(people), dirt or Dirt()
-        self.random = np.random.default_rng(seed)
+        self.random, self._seed = np.random.default_rng(seed), seed
         self._rate = rate or robot.binding("sim").rate
         start = np.array(initial_position(robot) if angles is None else angles)
         self._build(start, compensated)
@@ -384,16 +388,21 @@ class RigidRobot:
         self._due, self._sequence = 0, 0
         self._waiting: list[tuple[float, JointReading]] = []
         self._arrived: deque[JointReading] = deque(maxlen=8)
+        count = len(self._first)
+        self._unlike = np.random.default_rng([self._seed, 11])
+        self._scale = self._unlike.uniform(1.0 - dirt.torque[0], 1.0 + dirt.torque[0], count)
+        self._noise = dirt.torque[1] * np.array([servo.limits.torque or 0.0 for servo in self.robot.servos])
         self._take_reading()
         self._arrived.append(self._waiting.pop()[1])
 
     def _take_reading(self) -> None:
         step = self._count
+        torque = self._of(self.data.actuator_force[self._motor])
         position = np.round(self.position / step) * step
         joints = JointReading(
             stamp=self.time, sequence=self._sequence, position=read_only(position),
             velocity=read_only(np.round(self.velocity / 1e-3) * 1e-3), modes=tuple(self._modes),
-            torque=read_only(self._of(self.data.actuator_force[self._motor])),
+            torque=read_only(self._scale * torque + self._noise * self._unlike.standard_normal(len(torque))),
         )  # fmt: skip
         self._sequence += 1
         late = self._delay * (1.0 + self.random.uniform(0.0, 0.33))

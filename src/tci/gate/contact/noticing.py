@@ -1,4 +1,5 @@
-"""Whether a group of servos meets something: a joint is held, or one that nobody commands is bent."""
+"""Whether a group of servos meets something: a joint is held or bears more than a moment ago, or one that
+nobody commands is bent."""
 
 from __future__ import annotations
 
@@ -21,6 +22,8 @@ AT_REST = 0.6
 nothing lags then, so less tells more."""
 EARLIER = 0.15
 """Time [s] by which the way back ends before the contact was seen: by then the joint was not held yet."""
+SOONER = 0.05
+"""The same [s] if a joint bears more: it does within a few readings of the contact."""
 TWICE = 2
 """Successive readings that must show it: a single one may be late."""
 
@@ -50,6 +53,9 @@ class Seen(NamedTuple):
     felt: Felt
     loose: Array
     """By how much each that nobody commands left its place (k,) [rad]; 0 if a weight may have bent it."""
+    bears: Array
+    """Torque (k,) that each bears more than a moment ago, or than before the contact, as a multiple of what
+    comes from outside."""
 
     @property
     def worst(self) -> int:
@@ -99,6 +105,8 @@ class Noticing:
     """When the first of them was measured [s]."""
     clear: float = -np.inf
     """When nothing held any of its joints last [s]."""
+    bears: bool = False
+    """A joint bears more than a moment ago, by the latest reading."""
     held: bool = False
     """A joint that follows a reference is held, by the latest reading."""
 
@@ -109,7 +117,8 @@ class Noticing:
             self.clear = seen.joints.stamp
         # somebody who moves it while the others rest does so on purpose
         bent = moves and seen.bent > settings.held
-        self.outside = self.outside + 1 if self.held or bent else 0
+        self.bears = bool((np.abs(seen.bears) > 1.0).any())
+        self.outside = self.outside + 1 if self.held or bent or self.bears else 0
         if self.outside == 1:
             self.since = seen.joints.stamp
 
@@ -126,4 +135,5 @@ class Noticing:
 
     def before(self, lag: float) -> float:
         """Time [s] at which nothing was met yet."""
-        return min(self.since - EARLIER, self.clear - lag)
+        early = SOONER if self.bears and not self.held else EARLIER
+        return min(self.since - early, self.clear - lag * (not self.bears))

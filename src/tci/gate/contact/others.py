@@ -66,6 +66,11 @@ class First:
         before, self._loose = self._loose, seen.loose
         return before is not None and bool((seen.loose > before + held).any())
 
+    @property
+    def may_turn(self) -> bool:
+        """True if it may go, or go on, towards whom it met first."""
+        return self._away is None or self.steps > 0
+
     def next(self, seen: Seen, now: float) -> First:
         """Another, whom it meets on its way back."""
         return First(seen.felt.of(()), seen, now, away=ROOM * (self._there - seen.here))

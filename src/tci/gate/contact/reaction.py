@@ -1,11 +1,11 @@
 """What the gate does about contacts: a part that meets something on its way goes back where it came from.
 
-A held joint (`following`), a bent one that nobody commands (`noticing`), or a force on skin that began or
-grew while the part moved (`felt`) means contact. The answer is the gate's own order: back along the measured
-path (`path`), further while the joint is still held, but not into somebody else (`others`); where no path is
-left the reference goes to where the joint is, so that nothing presses. Nobody else's order to these servos
-passes until the contact has been over for a while. A resting part that somebody presses gives way
-(`softness`), and obeys.
+A held joint (`following`), one that bears more than a moment ago (`bearing`), a bent one that nobody
+commands (`noticing`), or a force on skin that began or grew while the part moved (`felt`) means contact. The
+answer is the gate's own order: back along the measured path (`path`), further while the joint is still held,
+but not into somebody else (`others`); where no path is left the reference goes to where the joint is, so that
+nothing presses. Nobody else's order to these servos passes until the contact has been over for a while. A
+resting part that somebody presses gives way (`softness`), and obeys.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import UnknownNameError
+from tci.gate.contact.bearing import Bearing
 from tci.gate.contact.felt import Felt, FeltForces
 from tci.gate.contact.following import CLEAR, PROGRESS, Following
 from tci.gate.contact.noticing import EARLIER, Noticing, Seen, bounds
@@ -72,6 +73,10 @@ class _Group:
     noticing: Noticing = field(default_factory=Noticing)
     softness: Softness = field(default_factory=Softness)
     sag: Sag = field(default_factory=Sag)
+    before: Array | None = None
+    """Torques (n_servos,) [N m] before the contact."""
+    bore: Array = field(default_factory=lambda: np.zeros(0))
+    """What its joints bore more when it was noticed (k,), as `Seen.bears`."""
     first: First | None = None
     """Whom it met; None without a reaction."""
     goal: Array | None = None
@@ -101,11 +106,18 @@ class _Group:
         found: Array = whole[self.servos]
         return found
 
+    def bears(self, joints: JointReading, bearing: Bearing) -> Array:
+        """What its joints bear more than before the contact (k,), as `Seen.bears`."""
+        return bearing.beyond(joints.torque, self.before)[self.servos]
+
     def goes(self, goal: Array) -> Array:
         self.goal, self.since, self.free = goal, np.inf, None
         return goal
 
 
+OPPOSITE = -0.2
+"""Product of what joints bear now and what they bore when somebody was met, both as multiples of what comes
+from outside, below which somebody else is pressed: a fifth of it is more than noise."""
 DOES = {"retreat": "goes back", "soft": "gives way", "stop": "stops"}
 
 
@@ -144,6 +156,7 @@ class ContactReaction:
         self._following = Following(
             len(robot.servos), held=settings.held, lag=settings.lag, known=settings.stands
         )
+        self._bearing = Bearing(robot, known=settings.stands)
         self.load({})
         self._stamp = self._now = -np.inf
         self._freeing = False
@@ -186,6 +199,7 @@ class ContactReaction:
     def _forget_times(self) -> None:
         """After the clock went back. Ways back that have begun go on."""
         self._following.forget()
+        self._bearing.forget()
         self._stamp = -np.inf
         for group in self._groups.values():
             group.reactions.clear()
@@ -212,6 +226,7 @@ class ContactReaction:
             self._forget_times()
         self._now = now
         self._following.remember(reference, now)
+        self._bearing.remember(reference, now)
         self._note_motion(reference)
         if joints.stamp <= self._stamp:
             return [], []
@@ -219,7 +234,8 @@ class ContactReaction:
         felt = self._forces.step(contacts)
         freeing, self._freeing = self._freeing, False
         bent = self._following.bent(joints)
-        loose = bool((bent > self._settings.held).any())
+        bears = self._bearing.more(joints, self._settings.lag)
+        loose = bool((bent > self._settings.held).any() or (np.abs(bears) > 1.0).any())
         if not (self.blocked or felt or freeing or loose) and self._following.near(joints, reference):
             self._walk_all(joints, reference)
             self._following.learn(joints, reference)
@@ -248,6 +264,7 @@ class ContactReaction:
                 joints, reference, group.servos, joints.position[group.servos],
                 self._following.pull[group.servos], own, errors, bound, excused,
                 int(np.where(own, errors / bound, -1.0).argmax()), felt.get(number, Felt()), left,
+                bears[group.servos] if group.goal is None else group.bears(joints, self._bearing),
             )  # fmt: skip
             goal: Array | None
             if group.goal is None:
@@ -271,6 +288,12 @@ class ContactReaction:
         )
         return ways, told
 
+    def _more(self, seen: Seen) -> str:
+        place = int(np.argmax(np.abs(seen.bears)))
+        servo = int(seen.servos[place])
+        torque = abs(float(seen.bears[place])) * self._bearing.least[servo]
+        return f"{self._robot.servos[servo].name} bears {torque:.1f} N m more than a moment ago"
+
     def _look(self, group: _Group, seen: Seen, *, freeing: bool) -> tuple[Array | None, Reason | None]:
         """At a group that nothing has met so far: where it must go, and why."""
         noticing = group.noticing
@@ -281,7 +304,9 @@ class ContactReaction:
         if noticing.sure and self._moves(group) and not expected:
             servo, angle = self._robot.servos[seen.worst].name, np.rad2deg(seen.error)
             what = f"{servo} is held {angle:.1f} degrees behind"
-            if not noticing.held:
+            if noticing.bears and not noticing.held:
+                what = self._more(seen)
+            elif not noticing.held:
                 servo, angle = self._robot.servos[seen.loosest].name, np.rad2deg(seen.bent)
                 what = f"{servo}, which nobody commands, is bent by {angle:.1f} degrees"
             before, pulled = noticing.before(self._settings.lag), True
@@ -297,7 +322,7 @@ class ContactReaction:
                 moves=self._moves(group),
             )  # fmt: skip
             return goal, None
-        group.sag = Sag()
+        group.sag, group.before, group.bore = Sag(), self._bearing.before, seen.bears
         if group.answer == "retreat" or group.slow:
             goal = self._back(group, seen, before, pulled=pulled)
         elif group.answer == "soft":
@@ -369,13 +394,19 @@ class ContactReaction:
         held = bool(((seen.errors > clear) & (np.abs(seen.pull - group.sag.bent) > clear)).any())
         # a joint that nobody commands may have been moved on purpose: it is a reason to go on, not to wait
         bent = (bool(group.path) or group.first.steps > 0) and seen.bent > settings.held
-        if held or bent or seen.felt.force > LIGHT:
+        pressed = bool((np.abs(seen.bears) > 1.0).any())
+        behind = pressed and group.first.may_turn and float(np.dot(seen.bears, group.bore)) < OPPOSITE
+        pressed = behind or (pressed and bool(group.path))
+        if held or bent or pressed or seen.felt.force > LIGHT:
             group.free = None
             if group.answer == "stop" and not group.slow:
                 return None
             if group.answer == "retreat" or group.slow:
                 if bent and not held and group.first.bends_more(seen, settings.held):
                     return self._leave(group, seen)
+                if behind and not held:
+                    leaves = group.first.steps > 0
+                    return group.goes(group.first.room(here)) if leaves else self._leave(group, seen)
                 if group.path:
                     return group.goes(self._back(group, seen, np.inf, pulled=held))
                 if bent and not held:

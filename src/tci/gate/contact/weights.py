@@ -70,6 +70,16 @@ def bends(robot: Robot, loads: Mapping[str, Tool]) -> Array:
     return np.minimum(bent, MOST)
 
 
+def longest_levers(robot: Robot) -> Array:
+    """Longest lever (n_servos,) [m] that a force on an arm's hand has at each joint; 0 where the model is
+    unknown."""
+    try:
+        levers = [lever for _, lever in _levers(robot)]
+    except (DescriptionError, UnknownNameError):
+        levers = []
+    return np.array(np.max([np.zeros(len(robot.servos)), *levers], axis=0))
+
+
 @lru_cache(maxsize=8)
 def _levers(robot: Robot) -> tuple[tuple[frozenset[str], Array], ...]:
     """For each arm its links, and the longest lever (n_servos,) [m] that a weight in its hand has."""

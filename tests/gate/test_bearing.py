@@ -1,0 +1,94 @@
+"""A joint that bears more than a moment ago, by its measured torque, has met something: long before it is
+bent."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from helpers.gate_checks import reading
+from helpers.squeezed import Squeeze, squeeze
+from tci.gate.contact.reaction import ContactReaction
+from tci.gate.contact.settings import ContactSettings
+from tci.gate.joint_group import groups_of
+from tci.gate.joint_monitor import Reference
+from tci.messages import Mode
+from tci.messages.frames import read_only
+from tci.robot.catalogue import load_robot
+from tci.robot.description import Robot
+
+PERIOD, JOINT, LIMIT = 0.01, "arm_left_2_joint", 100.0
+
+
+@cache
+def talos() -> Robot:
+    return load_robot("talos")
+
+
+def told(torque: float, *, speed: float = 0.3, steady: bool = True, stands: bool = True) -> list[str]:
+    """What is told when a joint that follows its reference bears `torque` [N m] after 0.6 s."""
+    robot = talos()
+    names = [servo.name for servo in robot.servos]
+    meets = ContactReaction(robot, groups_of(robot), ContactSettings(stands=stands))
+    own, found = np.array([names.index(JOINT)]), list[str]()
+    for step in range(75):
+        now = step * PERIOD
+        rate = speed * (1.0 if steady else np.cos(5.0 * now))
+        angles, torques = np.zeros(len(names)), np.zeros(len(names))
+        angles[own] = speed * (now if steady else np.sin(5.0 * now) / 5.0)
+        torques[own] = torque if now > 0.6 else 0.0
+        asked = Reference(own, (Mode.POSITION,), angles[own], np.array([rate]))
+        seen = replace(reading(angles, now), torque=read_only(torques))
+        found += [why.text for why in meets.step(seen, asked, now, None)[1]]
+    return found
+
+
+def test_a_joint_that_cruises_and_bears_more_has_met_something() -> None:
+    assert f"{JOINT} bears 30.0 N m more than a moment ago" in told(30.0)[0]
+
+
+@pytest.mark.parametrize(
+    ("torque", "speed", "steady", "stands"),
+    [
+        (0.15 * LIMIT, 0.3, True, True),  # three times the usual dry friction
+        (30.0, 0.3, False, True),  # it accelerates
+        (30.0, 0.0, True, True),  # at rest somebody pushes it
+        (30.0, 0.3, True, False),  # over a wire nobody knows how late readings are
+    ],
+)
+def test_what_motion_friction_or_a_hand_explains_is_no_contact(
+    torque: float, speed: float, steady: bool, stands: bool
+) -> None:
+    assert not told(torque, speed=speed, steady=steady, stands=stands)
+
+
+def hand(start: list[float], goal: list[float], link: str, point: list[float], at: list[float]) -> Squeeze:
+    """A trial with somebody of 75 N/mm, drawn once: a seed draws other trials when limits change."""
+    begin, end, own, world = (np.array(one) for one in (start, goal, point, at))
+    part = link[4:].split("_")[0] + "_arm"
+    return Squeeze(part, begin, end, Mode.POSITION, 0.45, 75e3, link, own, world, 500.0, 220)
+
+
+def test_a_bare_link_of_a_stiff_arm_is_freed_sooner() -> None:
+    """By bent joints alone somebody stood more than 65 N for 0.25 s."""
+    trial = hand(
+        [-0.166, 1.344, 1.619, 0.744, 1.046], [0.599, 1.528, 1.357, 0.438, -0.758],
+        "arm_right_6_link", [0.002, -0.029, 0.02], [0.109, -0.791, 0.253],
+    )  # fmt: skip
+    assert squeeze(talos(), trial).over < 0.15
+
+
+def test_a_stiff_arm_that_went_back_does_not_stay_pressed_against_a_second_person() -> None:
+    """They bear 101 N after half a second, and 73 N after two, if only bent joints tell."""
+    trial = hand(
+        [0.143, -0.508, -1.044, 0.72, 1.456], [0.659, 0.297, 0.833, 1.735, -1.257],
+        "arm_left_7_link", [0.034, -0.033, -0.081], [0.586, 0.245, 0.154],
+    )  # fmt: skip
+    after = squeeze(talos(), replace(trial, share=0.88, seed=203), behind=0.01)
+    peak, half, late = after.other
+    assert peak > 1.0, "the second must be met"
+    assert half <= 65.0
+    assert max(after.late, late) <= 30.0

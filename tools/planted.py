@@ -19,6 +19,7 @@ import numpy as np
 from tci.errors import TciError
 from tci.lab.commissioning.plausibility import doubts
 from tci.lab.experiments.verdict import weight_faults
+from tci.messages.frames import rotation_rpy
 from tci.robot.catalogue import load_robot
 from tci.robot.description import GenericPart, Patch, Robot, Servo, TruncatedCone
 from tci.robot.kinematics import KinematicChain, bare_model
@@ -137,6 +138,10 @@ def _of_pairs(robot: Robot) -> Iterator[Change]:
         yield "cones twice as wide on both sides", left.name.removeprefix("left_"), {"patches": patches}
         narrow = tuple(_narrowed(one) if one in (left, right) else one for one in robot.patches)
         yield "cones half as wide on both sides", left.name.removeprefix("left_"), {"patches": narrow}
+        for way in (0.06, -0.06):
+            along = tuple(_pushed(one, way) if one in (left, right) else one for one in robot.patches)
+            kind = f"sleeves {1e3 * way:+g} mm along the {left.segment} on both sides"
+            yield kind, left.name.removeprefix("left_"), {"patches": along}
     for kind, place, change in (
         ("pascals times 10", "pascal_per_count", _tenfold), ("10 kHz", "frames/s", _hurried),
     ):  # fmt: skip
@@ -148,6 +153,13 @@ def _narrowed(patch: Patch) -> Patch:
     assert isinstance(surface, TruncatedCone)
     half = surface.model_copy(update={"r1": 0.5 * surface.r1, "r2": 0.5 * surface.r2})
     return patch.model_copy(update={"surface": half})
+
+
+def _pushed(patch: Patch, way: float) -> Patch:
+    surface = patch.surface
+    assert isinstance(surface, TruncatedCone)
+    origin = np.array(surface.origin) + way * rotation_rpy(*surface.rpy)[:, 2]
+    return patch.model_copy(update={"surface": surface.model_copy(update={"origin": tuple(origin.tolist())})})
 
 
 def _tenfold(patch: Patch) -> Patch:

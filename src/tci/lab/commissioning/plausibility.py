@@ -16,6 +16,7 @@ from tci.lab.authoring.check_skin import AWAY, QUARTER
 from tci.lab.authoring.link_points import LinkPoints
 from tci.lab.authoring.proposed_parts import HAND, LEG
 from tci.lab.commissioning.both_sides import UNEVEN, joint_pairs, pairs, posture_doubts
+from tci.lab.commissioning.sleeve_ends import sleeve_ends
 from tci.messages.frames import Array, apply
 from tci.robot.description import GenericPart, Model, Patch, Robot, TruncatedCone
 from tci.robot.joint_map import initial_position, joint_map
@@ -79,6 +80,7 @@ def doubts(robot: Robot) -> list[str]:
     found += _patches(robot, chain, postures)
     blamed = {sentence.split(":")[0] for sentence in found}
     found += _distances(robot, chain, without=blamed)
+    found += sleeve_ends(robot, without=blamed)
     found += _torques(robot)
     return found
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from lxml import etree
@@ -202,6 +203,28 @@ def test_an_elbow_bends_forward_even_if_its_limits_are_symmetric(
         servos = robot.part(f"{side}_arm").servos
         assert servos[3].scale == -1.0, "about y, a hanging forearm turns forward by negative angles"
         assert abs(servos[2].initial) < np.deg2rad(30.0)
+
+
+def test_equal_arms_are_no_mirror_images(tmp_path: Path) -> None:
+    """ARMAR-6 has the same arm twice: the right elbow bends forward only while its upper arm is turned half
+    round. Its limits were blamed."""
+    path = MadeHumanoid().urdf(tmp_path)
+    text = path.read_text()
+    for joint, lower, upper in (("right_elbow", -0.1, 2.2), ("right_shoulder_yaw", -3.1, 3.1)):
+        pattern = rf"(<joint name='{joint}'.*?)<limit lower='[^']*' upper='[^']*'"
+        text = re.sub(pattern, rf"\1<limit lower='{lower}' upper='{upper}'", text, count=1)
+    path.write_text(text)
+    robot = propose(path, name="made")
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    for servo, angle in zip(robot.servos, initial_position(robot), strict=True):
+        data.joint(servo.joint).qpos[0] = angle
+    mujoco.mj_kinematics(model, data)
+    for side, scale in (("left", -1.0), ("right", 1.0)):
+        assert robot.part(f"{side}_arm").servos[3].scale == scale
+        forearm = data.body(f"{side}_wrist_roll_link").xpos - data.body(f"{side}_elbow_link").xpos
+        assert forearm[0] > 0.8 * float(np.linalg.norm(forearm))
+    assert abs(data.joint("right_shoulder_yaw").qpos[0]) > 2.0
 
 
 def test_an_elbow_that_may_bend_both_ways_is_asked_for(tmp_path: Path) -> None:

@@ -40,14 +40,17 @@ def elbow_senses(
 ) -> dict[str, Sign]:
     """Returns the direction in which each elbow's joint bends its arm, by side.
 
-    The direction of the left elbow is `left`, if given. Without `left`, the left elbow bends in the direction
-    in which this elbow can move farther. If the limits are about symmetric, that direction is chosen with
-    which the shoulders turn less from the model's zero to the nearest of several usual postures. The right
-    elbow mirrors the left elbow. Raises DescriptionError if none of these rules decides.
+    The direction of the left elbow is `left`, if given. Without `left`, each elbow bends in the direction in
+    which it can move farther. If the limits are about symmetric, the right elbow mirrors the left one, and
+    that direction is chosen with which the shoulders turn less from the model's zero to the nearest of
+    several usual postures. Raises DescriptionError if none of these rules decides.
     """
-    ways: list[dict[str, Sign]] = [_mirrored(body, sense) for sense in (1, -1)]
+    own = {side: _farther(draft, body, side, index) for side in body.arms}
     if left is not None:
-        return ways[0 if left > 0 else 1]
+        return {"left": left, "right": own["right"] or _mirrored(body, left)["right"]}
+    ways: list[dict[str, Sign]] = [_mirrored(body, sense) for sense in (1, -1)]
+    if all(own.values()):  # two equal arms, such as ARMAR-6's, are no mirror images
+        return {side: sense for side, sense in own.items() if sense is not None}
     flexions = [
         np.mean([largest_flexion(draft, body, side, way[side], index) for side in body.arms]) for way in ways
     ]
@@ -68,6 +71,12 @@ def elbow_senses(
         "--elbow 1 or --elbow -1, the direction in which this joint turns to bend the left arm"
     )
     raise DescriptionError(draft.source, [Fault(0, message)])
+
+
+def _farther(draft: Robot, body: FoundLimbs, side: str, index: Mapping[str | None, int]) -> Sign | None:
+    """The direction in which an elbow can move farther by more than FARTHER; None if there is none."""
+    one, other = (largest_flexion(draft, body, side, sense, index) for sense in (1.0, -1.0))
+    return None if abs(one - other) <= FARTHER else 1 if one > other else -1
 
 
 def largest_flexion(

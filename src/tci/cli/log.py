@@ -11,6 +11,9 @@ import typer
 from tci.cli.log_import import import_
 from tci.cli.options import AsJson, Begin, End, NewRecording, RecordedRobot, RecordingFile
 
+SETS = ("lerobot", "oxt")
+"""Formats of data sets, in which each recording is an episode."""
+
 app = typer.Typer(help="Show, cut, export and import recordings.", no_args_is_help=True)
 app.command("import")(import_)
 
@@ -99,7 +102,7 @@ def cut(
 @app.command()
 def export(
     file: Annotated[
-        Path, typer.Argument(help="Recording (.mcap). With lerobot also a folder of recordings.")
+        Path, typer.Argument(help="Recording (.mcap). For a data set also a folder of recordings.")
     ],
     out: Annotated[
         Path, typer.Argument(help="Folder for the tables or the set. With npz: file for the tables.")
@@ -110,17 +113,17 @@ def export(
         typer.Option(
             "--format",
             "-f",
-            help="csv, npz, parquet or lerobot. \\[default: npz if OUT ends in .npz, else csv]",
+            help="csv, npz, parquet; data sets: lerobot, oxt. \\[default: npz if OUT ends in .npz, else csv]",
         ),
     ] = None,
     task: Annotated[
-        str, typer.Option(help="With lerobot: what the robot does, in words, as policies are told.")
+        str, typer.Option(help="For a data set: what the robot does, in words, as policies are told.")
     ] = "",
-    fps: Annotated[int, typer.Option(help="With lerobot: rows per second; skin keeps its own rate.")] = 30,
+    fps: Annotated[int, typer.Option(help="For a data set: rows per second; skin keeps its own rate.")] = 30,
     as_json: AsJson = False,
 ) -> None:
     """Write a recording as tables of joint data, gate decisions, contacts and skin frames, or as a data set
-    of LeRobot (v3), in which each recording is an episode.
+    of LeRobot (v3) or Open-X-Tactile (oxt, Zarr 2), in which each recording is an episode.
 
     The table of a patch has one row for each skin frame. A row contains the received raw values, and the
     pressures \\[Pa] and forces \\[N] of all taxels.
@@ -129,8 +132,8 @@ def export(
 
     Example:  tci log export recordings/ touch-set --format lerobot --task "give way to the touch"
     """
-    if form == "lerobot":
-        _export_lerobot(file, out, robot, task=task, fps=fps, as_json=as_json)
+    if form in SETS:
+        _export_set(form, file, out, robot, task=task, fps=fps, as_json=as_json)
         return
     from tci.cli.console import console, print_json
     from tci.errors import TciError
@@ -156,30 +159,39 @@ def export(
         console.print(str(path), highlight=False, markup=False)
 
 
-def _export_lerobot(file: Path, out: Path, robot: str | None, *, task: str, fps: int, as_json: bool) -> None:
+def _export_set(
+    form: str, file: Path, out: Path, robot: str | None, *, task: str, fps: int, as_json: bool
+) -> None:
     from tci.cli.console import console, print_json
     from tci.datasets.episodes import read_set
-    from tci.datasets.lerobot import write_lerobot
     from tci.errors import RecordingError
 
     files = sorted(file.glob("*.mcap")) if file.is_dir() else [file]
     if not files:
         raise RecordingError(f"{file} has no recording; valid: a folder of .mcap files")
     data = read_set(files, task=task, fps=fps, robot=robot)
-    write_lerobot(data, out)
+    left_out = data.left_out
+    if form == "lerobot":
+        from tci.datasets.lerobot import write_lerobot
+
+        write_lerobot(data, out)
+    else:
+        from tci.datasets.open_x_tactile import write_oxt
+
+        left_out = write_oxt(data, out)
     frames = sum(episode.frames for episode in data.episodes)
     if as_json:
         print_json(
             {
                 "set": str(out), "episodes": len(data.episodes), "frames": frames, "fps": data.fps,
                 "tasks": sorted({episode.task for episode in data.episodes}),
-                "left_out": list(data.left_out),
+                "left_out": list(left_out),
             }
         )  # fmt: skip
         return
     words = f"{out}: {len(data.episodes)} episodes, {frames} frames at {data.fps} per second"
     console.print(words, highlight=False, markup=False)
-    for one in data.left_out:
+    for one in left_out:
         console.print(f"  left out: {one}", style="yellow", highlight=False, markup=False)
 
 

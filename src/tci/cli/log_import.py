@@ -12,6 +12,7 @@ from tci.cli.options import AsJson, NewRecording
 
 if TYPE_CHECKING:
     from tci.recording.contact_tables import TableFit
+    from tci.recording.importing import Imported
     from tci.robot.description import Robot
 
 
@@ -20,7 +21,7 @@ def import_(
         Path,
         typer.Argument(
             help="Log of yarpdatadumper (data.log or the folder of data.log), ROS bag, data set of LeRobot "
-            "(v3), or arrays (.npz, .mat, .csv)."
+            "(v3) or Open-X-Tactile (Zarr 2), or arrays (.npz, .mat, .csv)."
         ),
     ],
     out: NewRecording,
@@ -51,7 +52,7 @@ def import_(
     as_json: AsJson = False,
 ) -> None:  # fmt: skip
     """Convert a log of YARP's yarpdatadumper, a ROS bag (extra ros2), an episode of a data set of LeRobot
-    (extra parquet) or arrays of taxels to a recording.
+    (extra parquet) or Open-X-Tactile (others' sets: extra oxt) or arrays of taxels to a recording.
 
     Example:  tci log import data.log foot.mcap icub-whole --patch right_sole
 
@@ -64,6 +65,7 @@ def import_(
     Example:  tci log import touch-set touch.mcap nao --episode 3
     """
     from tci.cli.console import console, written
+    from tci.datasets.open_x_tactile import import_oxt, is_oxt
     from tci.errors import RecordingError
     from tci.recording.arrays import SUFFIXES, import_arrays
     from tci.recording.contact_list import import_contact_list
@@ -76,6 +78,9 @@ def import_(
     fits: tuple[TableFit, ...] = ()
     if not log.exists():
         raise RecordingError(f"{log} does not exist; valid: a log, a bag or arrays")
+    if is_oxt(log):
+        _tell(import_oxt(log, out, episode, robot=words), out, as_json=as_json)
+        return
     if (log / "meta" / "info.json").is_file():
         from tci.datasets.lerobot import import_lerobot
 
@@ -90,15 +95,7 @@ def import_(
             raise RecordingError(
                 f"{log} is a ROS bag, which does not name its robot; valid: tci log import {log} {out} ROBOT"
             )
-        done = import_ros_bag(log, out, words)
-        written(
-            out,
-            {"periods": done.periods},
-            {"left_out": done.left_out, "doubts": done.doubts},
-            as_json=as_json,
-        )
-        for said in () if as_json else (*done.doubts, *(f"left out: {one}" for one in done.left_out)):
-            console.print(f"  {said}", style="yellow", highlight=False, markup=False)
+        _tell(import_ros_bag(log, out, words), out, as_json=as_json)
         return
     elif log.suffix.lower() in SUFFIXES:
         if mapping is None:
@@ -124,6 +121,15 @@ def import_(
     for fit in () if as_json else fits:
         colour = {"fits": "green", "wrong": "red"}.get(fit.verdict, "yellow")
         console.print(_sentence(fit), style=colour, highlight=False, markup=False)
+
+
+def _tell(done: Imported, out: Path, *, as_json: bool) -> None:
+    from tci.cli.console import console, written
+
+    more = {"left_out": done.left_out, "doubts": done.doubts}
+    written(out, {"periods": done.periods}, more, as_json=as_json)
+    for said in () if as_json else (*done.doubts, *(f"left out: {one}" for one in done.left_out)):
+        console.print(f"  {said}", style="yellow", highlight=False, markup=False)
 
 
 def _facts(fit: TableFit) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Recordings as data sets that policies train on.
 
 A recording is an episode; `read_set` turns recordings into columns with one row per frame of the set, and a
-module per format writes and reads them (`lerobot`).
+module per format writes and reads them (`lerobot`, `open_x_tactile`).
 """
 
 from __future__ import annotations
@@ -18,5 +18,8 @@ if TYPE_CHECKING:
     from tci.datasets.lerobot import LeRobotSet as LeRobotSet
     from tci.datasets.lerobot import read_lerobot as read_lerobot
     from tci.datasets.lerobot import write_lerobot as write_lerobot
+    from tci.datasets.open_x_tactile import OxtSet as OxtSet
+    from tci.datasets.open_x_tactile import read_oxt as read_oxt
+    from tci.datasets.open_x_tactile import write_oxt as write_oxt
 else:
     __all__, __getattr__, __dir__ = lazy_names(__name__)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.datasets.episodes import COUNT, RAW, STAMPS, Columns, DataSet, Feature
+from tci.datasets.raw_skin import skin_frames
 from tci.datasets.statistics import Statistics
 from tci.errors import RecordingError
 from tci.messages import SkinFrame
@@ -275,32 +276,12 @@ class LeRobotSet:
         Raises RecordingError if the set has none.
         """
         columns = self.episode(number)
-        patches = [name.removeprefix(f"{RAW}.") for name in columns if name.startswith(f"{RAW}.")]
-        if not patches:
+        if not any(name.startswith(f"{RAW}.") for name in columns):
             raise RecordingError(
                 f"{self.folder} has no {RAW}.PATCH, so no raw skin frames; valid: a set that tci log export "
                 "wrote"
             )
-        found: list[SkinFrame] = []
-        for patch in patches:
-            raw, stamps = columns[f"{RAW}.{patch}"], columns[f"{STAMPS}.{patch}"]
-            counts = columns[f"{COUNT}.{patch}"].ravel()
-            slots = stamps.shape[1]
-            there = np.arange(slots) < counts[:, None]
-            values = raw.reshape(len(raw), slots, -1)[there]
-            found += [
-                SkinFrame(patch, stamp / 1e9, sequence, one)
-                for sequence, (stamp, one) in enumerate(zip(stamps[there].tolist(), values, strict=True))
-            ]
-        found.sort(key=lambda frame: frame.stamp)
-        together: list[SkinFrame] = []
-        for frame in found:
-            if together and frame.stamp > together[0].stamp:
-                yield tuple(together)
-                together = []
-            together.append(frame)
-        if together:
-            yield tuple(together)
+        yield from skin_frames(columns)
 
 
 def import_lerobot(folder: Path, out: Path, episode: int, *, robot: Robot | None) -> tuple[int, list[str]]:

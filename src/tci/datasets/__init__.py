@@ -21,5 +21,6 @@ if TYPE_CHECKING:
     from tci.datasets.open_x_tactile import OxtSet as OxtSet
     from tci.datasets.open_x_tactile import read_oxt as read_oxt
     from tci.datasets.open_x_tactile import write_oxt as write_oxt
+    from tci.datasets.zarr2 import ZarrArray as ZarrArray
 else:
     __all__, __getattr__, __dir__ = lazy_names(__name__)

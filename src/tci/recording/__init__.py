@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from tci.recording.recorder import Recorder as Recorder
     from tci.recording.recording import RecordedTick as RecordedTick
     from tci.recording.recording import Recording as Recording
+    from tci.recording.recording import Topic as Topic
     from tci.recording.rosmsg.cdr import MessageType as MessageType
 else:
     __all__, __getattr__, __dir__ = lazy_names(__name__)

@@ -10,13 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers.hostile_commands import Attack
+from helpers.robot_groups import two_armed
 from helpers.self_collision_oracle import Oracle
 from tci.errors import TciError
 from tci.gate.body_guard import BodyGuard
 from tci.gate.self_collision import WIDEST, SelfCollision
 from tci.messages import CONTROL_MODES, Mode
 from tci.messages.frames import Array
-from tci.robot.catalogue import load_robot, robot_names
+from tci.robot.catalogue import load_robot
 from tci.robot.clearance import Clearance
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
@@ -96,7 +97,7 @@ def limits(robot: Robot) -> tuple[Array, Array]:
     return lower, np.array([servo.limits.upper or 0.0 for servo in robot.servos])
 
 
-@pytest.mark.parametrize("name", robot_names())
+@pytest.mark.parametrize("name", [*two_armed(), "franka"])
 def test_random_paths_are_judged_as_by_measuring_everything(name: str) -> None:
     robot = load_robot(name)
     guard, oracle, rng = SelfCollision(robot), Oracle(robot), np.random.default_rng(11)
@@ -140,7 +141,7 @@ class Both:
         return fault
 
 
-@pytest.mark.parametrize("name", robot_names())
+@pytest.mark.parametrize("name", [*two_armed(), "franka"])
 def test_hostile_commands_are_judged_as_by_measuring_everything(name: str) -> None:
     robot = load_robot(name)
     modes = tuple(mode for mode in CONTROL_MODES if mode is not Mode.TORQUE)

@@ -1,4 +1,4 @@
-"""Properties that every packaged robot must have."""
+"""Properties that every packaged robot with two arms must have."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from lxml import etree
 
+from helpers.robot_groups import two_armed
 from tci.body.posture import to_platform
 from tci.body.retarget import with_retargeting
 from tci.exports.cone import cone_of
 from tci.messages import GenericCommand, Mode
 from tci.messages.frames import Array, angle_between
-from tci.robot.catalogue import load_robot, robot_names
+from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.robot.generic_arm import JOINTS, Side, forearm_rotation, side_sign, upper_arm_rotation
 from tci.robot.joint_map import initial_position, joint_map
@@ -27,13 +28,14 @@ from tci.skin.surfaces import build_surface
 
 COMMON_RANGE = np.deg2rad([[-10, 95.5], [0, 76], [-29.5, 65], [15, 88.5], [-60, 60]])
 SIDES = ("left", "right")
+HUMANOIDS = two_armed()
 LACKING = {"nao-h21": ["elbow_yaw"], "nao-plain-h21": ["elbow_yaw"]}
 """Generic joints that the arms of some robots lack."""
 BARE = ("nao-plain", "nao-plain-h21", "g1-inspire")
 """Robots without skin on their arms."""
 
 
-@pytest.fixture(scope="module", params=robot_names())
+@pytest.fixture(scope="module", params=HUMANOIDS)
 def robot(request: pytest.FixtureRequest) -> Robot:
     return load_robot(request.param)
 
@@ -124,7 +126,7 @@ def test_axes_of_nao_and_icub_agree_in_their_mount_frames(side: Side) -> None:
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-@pytest.mark.parametrize("name", robot_names())
+@pytest.mark.parametrize("name", HUMANOIDS)
 def test_axes_agree_with_the_generic_arm_in_the_torso_frame(name: str, side: Side) -> None:
     """In 1000 postures, the axes of upper arm and forearm agree within 0.5 degrees if the limits permit."""
     robot = load_robot(name)

@@ -10,6 +10,7 @@ import pytest
 
 import tci
 from helpers.felt_skin import FeltSkin, contacts_of, skin_state
+from helpers.robot_groups import two_armed
 from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
 from tci.errors import TciError
@@ -81,7 +82,7 @@ def noise_of(sensor: Sensor, counts: float) -> float:
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0, 2.0])
-@pytest.mark.parametrize("name", [name for name in tci.robot_names() if "bare" not in name])
+@pytest.mark.parametrize("name", [name for name in (*two_armed(), "franka") if "bare" not in name])
 def test_more_force_is_never_felt_less(name: str, noise: float) -> None:
     """Presses one taxel on each skin of each robot, with forces from below the threshold to the end of the
     range, where a constant value could also be that of a stuck taxel."""

@@ -30,8 +30,9 @@ import tci
 from helpers.wire_peers import PEERS, wire
 from tci.capabilities import lacks
 from tci.lab.experiments.body_trials import answerable, body_trials_of
-from tci.lab.experiments.experiment import SIDES, trials_of
+from tci.lab.experiments.experiment import trials_of
 from tci.lab.experiments.poke import Stimulus
+from tci.lab.experiments.trial_places import PER_ARM, pads, sleeves
 from tci.robot.description import Robot
 
 TABLE = TABLES / "robots-and-wires.md"
@@ -81,11 +82,10 @@ class Cell:
 
 
 def reflexes(*, short: bool) -> tuple[tci.WithdrawalReflex, tci.BodyWithdrawal]:
-    """Returns the reflex of the arms and the reflex of the other parts. If `short`, each reflex has only one
+    """Returns the reflex of the arms and the reflex of the other parts. If `short`, the latter has only one
     field of each part."""
     arms, others = tci.WithdrawalReflex(), tci.BodyWithdrawal(stance="supported")
     if short:
-        arms = replace(arms, fields=arms.fields[:1])
         first = {field.kind: field for field in reversed(others.fields.field)}
         others = replace(others, fields=others.fields.model_copy(update={"field": tuple(first.values())}))
     return arms, others
@@ -100,7 +100,8 @@ def measured(robot: Robot, name: str, *, short: bool) -> Cell:
     arms, others = reflexes(short=short)
     body = tci.GenericBody(robot)
     beyond = sum(len(answerable(body, field)) for field in others.fields.field)
-    total = len(SIDES) * len(arms.fields) + beyond
+    count = 1 if short else PER_ARM
+    total = count * len(sleeves(robot) or pads(robot)) + beyond
     seen: dict[tuple[str, str], int] = {}
     times: list[float] = []
     broken: list[str] = []
@@ -108,7 +109,7 @@ def measured(robot: Robot, name: str, *, short: bool) -> Cell:
     with wire(name) as via:
         for tried in range(TRIES):
             try:
-                trials = [trials_of(robot, arms, stimulus=Stimulus(), seed=SEED, via=via)]
+                trials = [trials_of(robot, arms, stimulus=Stimulus(), seed=SEED, via=via, count=count)]
                 if beyond:
                     trials.append(body_trials_of(robot, others, seed=SEED, via=via))
                 for trial in chain.from_iterable(trials):

@@ -21,7 +21,7 @@ from tci.robot.generic_arm import SEGMENTS
 from tci.robot.inverse import InverseKinematics, InverseSettings
 from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import KinematicChain
-from tci.robot.shoulder import shoulder_of
+from tci.robot.shoulder import shoulder_centre
 from tci.skin.skin import segment_pose
 
 SETTINGS = InverseSettings(starts=6)
@@ -62,7 +62,7 @@ class Reach:
             self.length, self.unit = sum(words.segment(name).length for name in SEGMENTS), "arm lengths"
             self._rotation = words.R_TM
             try:
-                self._origin = shoulder_of(robot, part).centre
+                self._origin = shoulder_centre(robot, part)
             except DescriptionError as error:
                 raise CommandError(f"no {point} to bring anywhere: {error.faults[0].message}") from error
         self._kinematics = KinematicChain(robot)

@@ -212,7 +212,7 @@ def remarks(robot: Robot) -> list[str]:
     example is a servo without limits, since the gate refuses to move such a servo.
     """
     from tci.lab.commissioning.assumptions import powers, too_quick
-    from tci.lab.experiments.verdict import arms_missing
+    from tci.lab.experiments.verdict import limbs_missing
     from tci.robot.model_file import LEAST_MASS, assumed_masses
     from tci.robot.xml.node import listed
 
@@ -238,8 +238,8 @@ def remarks(robot: Robot) -> list[str]:
         notes.append(f"assumed skin, which nobody has seen on the robot: {', '.join(assumed)}")
     if robot.model is None:
         notes.append("no kinematic model: the robot can't be simulated, and its skin has no place in space")
-    elif lacks := arms_missing(robot):
-        notes.append(f"{lacks}: tci check --simulate proves robots with two arms")
+    elif lacks := limbs_missing(robot):
+        notes.append(f"{lacks}: tci check --simulate proves robots with arms or hands")
     if robot.model is not None and (light := assumed_masses(robot.model)):
         notes.append(
             f"assumed mass of {LEAST_MASS * 1e3:g} g, as the model has none or 0: {listed(light, most=8)}"

@@ -15,6 +15,8 @@ from tci.cli.options import AsJson
 from tci.errors import CommandError, DescriptionError, Fault, meant
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from tci.lab.authoring.find_pads import FoundPads
     from tci.lab.authoring.proposed_arm import Sign
     from tci.lab.authoring.proposed_fingers import Trust
@@ -61,7 +63,8 @@ def new_robot(
     arms: Annotated[
         str | None,
         typer.Option(
-            help="First joints of both shoulders, LEFT,RIGHT. Needed if arms and legs can't be distinguished."
+            help="First joints of both shoulders, LEFT,RIGHT, or that of one arm alone. Needed if arms and "
+            "legs can't be distinguished."
         ),
     ] = None,
     elbow: Annotated[
@@ -93,18 +96,37 @@ def new_robot(
             help="Sleeves of assumed skin around the arms. \\[default: only if the model has no pads]",
         ),
     ] = None,
-    mount: Annotated[
+    linear: Annotated[
         bool,
         typer.Option(
-            "--mount",
+            "--linear",
             help="Use eq. 1 and a rotated mount for shoulders that differ from the generic one by a small "
             "rotation.",
         ),
     ] = False,
+    mount: Annotated[
+        str | None,
+        typer.Option(
+            metavar="table|wall|ceiling",
+            help="What one arm alone is mounted on. \\[default: table or ceiling, if its first axis is "
+            "upright]",
+        ),
+    ] = None,
+    forward: Annotated[
+        str | None,
+        typer.Option(
+            metavar="x|y|-x|-y|z|-z",
+            help="Axis of the model that points forward for one arm alone; on a wall, up. \\[default: the "
+            "axis along which the arm stretches]",
+        ),
+    ] = None,
+    side: Annotated[
+        str, typer.Option(metavar="left|right", help="Side as which one arm alone, or one hand, counts.")
+    ] = "left",
     force: Annotated[bool, typer.Option("--force", help="Replace an existing description.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Propose the description of a humanoid from its URDF or MJCF.
+    """Propose the description of a robot from its URDF or MJCF.
 
     Finds arms, hands, fingers, head, torso and legs by their geometry, reads limits from the file, and takes
     the tactile pads that the model has (tci skin find); if it has none, it puts sleeves of assumed skin
@@ -117,12 +139,14 @@ def new_robot(
     from tci.cli.skin_find import pads_as_json
     from tci.lab.authoring.assumed_limits import assumed_limits
     from tci.lab.authoring.check_skin import spans
+    from tci.lab.authoring.find_arm import FORWARD, Mount
     from tci.lab.authoring.find_pads import find_pads
     from tci.lab.authoring.left_out import left_out
     from tci.lab.authoring.pad_patches import table_of
     from tci.lab.authoring.proposal import propose
     from tci.lab.authoring.sleeves import assumed_skins
     from tci.lab.commissioning.plausibility import doubts
+    from tci.robot.generic_arm import Side
     from tci.robot.mesh_files import NO_MESHES
     from tci.robot.xml import read_robot
     from tci.robot.xml.writer import write_robot
@@ -142,7 +166,10 @@ def new_robot(
         model,
         name=name,
         package=package,
-        mount=mount,
+        linear=linear,
+        mount=cast("Mount | None", _one_of("--mount", mount, get_args(Mount))),
+        forward=_one_of("--forward", forward, FORWARD),
+        side=cast("Side", _one_of("--side", side, get_args(Side))),
         meshes=source,
         arms=_both(arms),
         elbow=_direction(elbow),
@@ -220,15 +247,22 @@ def _plain(stem: str) -> str:
     return "".join(letter if letter.isalnum() else "_" for letter in stem.lower())
 
 
-def _both(arms: str | None) -> tuple[str, str] | None:
-    """Returns the two joint names in the option --arms; None without this option. Raises CommandError if
-    --arms does not contain two names."""
+def _both(arms: str | None) -> tuple[str, ...] | None:
+    """The joint names in the option --arms, two or one; None without this option."""
     if arms is None:
         return None
-    names = [name.strip() for name in arms.split(",")]
-    if len(names) != 2 or not all(names):
-        raise CommandError(f"--arms {arms}; valid: LEFT,RIGHT, the first joint of each shoulder")
-    return names[0], names[1]
+    names = tuple(name.strip() for name in arms.split(","))
+    if len(names) > 2 or not all(names):
+        raise CommandError(
+            f"--arms {arms}; valid: LEFT,RIGHT, the first joint of each shoulder, or that of one arm alone"
+        )
+    return names
+
+
+def _one_of(option: str, value: str | None, valid: Sequence[str]) -> str | None:
+    if value is not None and value not in valid:
+        raise CommandError(f"{option} {value}; valid: {', '.join(valid)}")
+    return value
 
 
 def _direction(elbow: int | None) -> Sign | None:

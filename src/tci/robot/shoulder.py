@@ -64,8 +64,8 @@ class Shoulder:
         self.upper = np.array([np.pi if limit.upper is None else limit.upper for limit in limits])
         zero = np.zeros(len(robot.servos))
         upper_arm, forearm = part.segment("upper_arm"), part.segment("forearm")
-        T_TL, jacobian = kinematics.pose_and_jacobian(zero, forearm.link)
-        moves, turns = jacobian[:3, servos], jacobian[3:, servos]
+        jacobian = kinematics.jacobian(zero, forearm.link)
+        turns = jacobian[3:, servos]
         if not np.allclose(np.linalg.norm(turns, axis=0), 1.0, atol=1e-6):
             raise _fault(robot, part, f"its shoulder and elbow do not all turn {forearm.link}")
         self.axes: Array = turns[:, :3].T
@@ -75,10 +75,6 @@ class Shoulder:
             raise _fault(
                 robot, part, "two of its successive axes are parallel, or its elbow has no servo alone"
             )
-        feet = [T_TL[:3, 3] + np.cross(turns[:, i], moves[:, i]) for i in range(2)]
-        self.centre = nearest_point(*feet, *self.axes[:2])
-        """Point (3,) [m] of the first axis that is nearest to the second axis, in the torso frame. This point
-        never moves."""
         poses = kinematics.poses(zero, (upper_arm.link, forearm.link))
         ends = [poses[segment.link] @ np.append(segment.origin, 1.0) for segment in (upper_arm, forearm)]
         if np.linalg.norm((ends[1] - ends[0])[:3]) < SHORT:
@@ -202,6 +198,23 @@ def shoulder_of(robot: Robot, part: str) -> Shoulder:
     """Returns the shoulder of an arm by the name of the arm. The shoulder is cached, because its computation
     reads the model. Raises the errors that Shoulder raises."""
     return Shoulder(robot, robot.part(part))
+
+
+@lru_cache(maxsize=64)
+def shoulder_centre(robot: Robot, part: str) -> Array:
+    """Point (3,) [m] of the arm's first axis that is nearest to its second axis, in the torso frame; it never
+    moves. Raises DescriptionError if the robot has no model, or the arm no two joints at its shoulder
+    or no elbow."""
+    words, kinematics = robot.part(part), KinematicChain(robot)
+    servos = [generic.servo for generic in words.servos[:2] if generic.servo is not None]
+    if len(servos) < 2 or words.servos[3].servo is None or len(words.segments) < 2:
+        raise _fault(robot, words, "it needs an upper_arm, a forearm, and servos for shoulder and elbow")
+    T_TL, jacobian = kinematics.pose_and_jacobian(np.zeros(len(robot.servos)), words.segment("forearm").link)
+    moves, turns = jacobian[:3, servos], jacobian[3:, servos]
+    if abs(turns[:, 0] @ turns[:, 1]) > PARALLEL:
+        raise _fault(robot, words, "two of its successive axes are parallel, or its elbow has no servo alone")
+    feet = [T_TL[:3, 3] + np.cross(turns[:, i], moves[:, i]) for i in range(2)]
+    return read_only(nearest_point(*feet, *turns.T))
 
 
 def turn(axis: Array, angle: float) -> Array:

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from numba import njit
 
+from helpers.robot_groups import two_armed
 from tci.gate.kernels.clearance_bounds import at_least, stand, to_joints
 from tci.gate.kernels.solids import Solids
 from tci.messages.frames import Array
-from tci.robot.catalogue import load_robot, robot_names
+from tci.robot.catalogue import load_robot
 from tci.robot.clearance import Clearance
 from tci.robot.description import GenericPart, GenericServo, Model, Robot, Servo
 
@@ -50,7 +51,7 @@ class Side:
         return float(bound(s.shapes, s.points, self.frames, s.pairs, self.axis, pair))
 
 
-@pytest.fixture(scope="module", params=robot_names())
+@pytest.fixture(scope="module", params=(*two_armed(), "franka"))
 def side(request: pytest.FixtureRequest) -> Side:
     return Side(request.param)
 

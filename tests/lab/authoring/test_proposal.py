@@ -84,7 +84,7 @@ def test_an_icub_gets_its_mount_its_legs_and_its_hands() -> None:
     degrees, six joints of a leg, two joints of a wrist."""
     icub = load_robot("icub-whole")
     assert icub.model is not None
-    proposed = propose(Path(icub.model.path), name="icub", mount=True)
+    proposed = propose(Path(icub.model.path), name="icub", linear=True)
     for side in ("left", "right"):
         ours, theirs = proposed.part(f"{side}_arm"), icub.part(f"{side}_arm")
         np.testing.assert_allclose(ours.mount, theirs.mount, atol=1e-4)

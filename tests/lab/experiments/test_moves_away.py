@@ -10,6 +10,7 @@ import pytest
 
 import tci
 from helpers.pressing import RISE, press, tally, with_pad
+from helpers.robot_groups import two_armed
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.soft_reaction import SoftReaction
 from tci.simulation.world import World
@@ -61,7 +62,7 @@ def test_other_skin_of_the_part_is_not_moved_into_the_object(tmp_path: Path) -> 
     assert free.rise <= RISE
 
 
-@pytest.mark.parametrize("name", tci.robot_names())
+@pytest.mark.parametrize("name", [*two_armed(), "ur5"])
 def test_no_answer_raises_the_force(name: str, tmp_path: Path) -> None:
     found = tally(name, seed=1, count=6, folder=tmp_path)
     print(f"{found.answered} of {found.touches} answered, {found.refused} refused")

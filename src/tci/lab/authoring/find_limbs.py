@@ -36,6 +36,10 @@ ENDLESS = 720.0
 SPINS = re.compile(r"(?i)lidar|laser|hokuyo|velodyne|ouster|livox|spin|scan|rotor|wheel|prop")
 
 
+class NoPairError(DescriptionError):
+    """No limb of a model is the mirror image of another: it may still have one arm."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundLimbs:
     """Limbs, trunk and head found in a model."""
@@ -60,6 +64,9 @@ class FoundLimbs:
     """Rotation (3, 3) of the frame H (x forward, y left, z up) in the model's root frame R."""
     T_ET: Array
     """Pose (4, 4) [m] of the torso frame T in the frame E of `torso_link`."""
+    outward: Array | None = None
+    """Unit vector (3,) in the frame H along the pan of an arm that stands alone, away from what carries it;
+    None for a humanoid."""
 
     def behind(self, joint: int) -> list[int]:
         """Returns `joint` and all joints that it carries."""
@@ -103,7 +110,7 @@ def find_limbs(model: Model, points: LinkPoints, *, arms: tuple[str, str] | None
             "no mirrored limbs of which three joints form a ball joint and a fourth bends; valid: a humanoid "
             "whose z or y is up, with arms of at least 4 joints"
         )
-        raise DescriptionError(model.path, [Fault(0, message)])
+        raise NoPairError(model.path, [Fault(0, message)])
     lone = [
         limb
         for limb in _all_limbs(centred)
@@ -126,7 +133,7 @@ def find_limbs(model: Model, points: LinkPoints, *, arms: tuple[str, str] | None
     above = shoulder - 0.1 * extent_of(joints)
     devices = _devices(compiled, joints, found, {*trunk, *used})
     spun = {one for device in devices for one in carried(joints, device)}
-    head = _median_chain(centred, trunk, {*used, *spun}, above=above)
+    head = median_chain(centred, trunk, {*used, *spun}, above=above)
     below = False
     if not trunk and legs:
         lines = [ancestors(joints, leg.chain[0])[1:] for leg in legs.values()]
@@ -381,7 +388,7 @@ def _devices(
     )  # fmt: skip
 
 
-def _median_chain(
+def median_chain(
     joints: Sequence[Joint], trunk: tuple[int, ...], used: set[int], *, above: float
 ) -> tuple[int, ...]:
     """Returns the joints of the head: the longest chain of joints on the torso that lies in the median plane

@@ -18,6 +18,12 @@ POSTURES = np.deg2rad([[25, 25, 0, 60, 0], [25, 25, 0, 75, 0], [35, 30, 0, 60, 0
                        [40, 20, 10, 70, 0], [25, 15, -15, 50, 0], [15, 15, 0, 45, 0], [30, 45, 0, 75, 0],
                        [45, 45, 0, 60, 0], [30, 60, 0, 90, 0], [30, 45, 30, 75, 0]])  # fmt: skip
 """Candidates for the initial posture [rad]; the first posture that fits is used. All values are assumed."""
+ALONE = np.deg2rad([[0, 60, 0, 90, 0], [0, 50, 0, 75, 0], [0, 60, 0, 105, 0], [0, 70, 0, 110, 0],
+                    [0, 45, 0, 60, 0], [0, 75, 0, 120, 0], [0, 40, 0, 90, 0], [0, 30, 0, 60, 0],
+                    [30, 60, 0, 90, 0], [0, 100, 0, 100, 0], [0, 110, 0, 130, 0],
+                    [0, 20, 0, 40, 0]])  # fmt: skip
+"""Candidates for an arm that stands alone, as `POSTURES`: raised, with its forearm forward. The yaw is +-90
+degrees, as far as the arm can choose it."""
 ROOM = 0.1
 """Distance [rad] from the joint limits that is sufficient for an initial posture."""
 TURNED = float(np.deg2rad(120.0))
@@ -26,6 +32,18 @@ TURNED = float(np.deg2rad(120.0))
 This rotation counts as a limit of the joint. Otherwise an arm such as Baxter's, whose elbow bends down while
 the arm points forward, would get a twisted posture.
 """
+
+
+def candidates(part: GenericPart) -> Array:
+    """Candidates (m, 5) [rad] for the initial posture of an arm."""
+    if not part.stands_alone:
+        return POSTURES
+    yaw = part.servos[2].offset if part.servos[2].servo is not None else part.servos[2].fixed
+    found = np.array(ALONE)
+    found[:, 2] = yaw if part.servos[2].servo is None else np.pi / 2.0 * (1.0 if yaw >= 0.0 else -1.0)
+    if yaw < 0.0:  # the elbow bends up
+        found[:, 1] -= found[:, 3]
+    return found
 
 
 def with_initial(draft: Robot, part: GenericPart) -> GenericPart:
@@ -38,8 +56,9 @@ def with_initial(draft: Robot, part: GenericPart) -> GenericPart:
     robot = draft.model_copy(update={"parts": (part,), "digest": f"{part.name} {part.servos[3].scale}"})
     joints = joint_map(robot, part.name)
     start, (lower, upper) = np.zeros(len(draft.servos)), _limits(draft, joints)
-    rooms = [_room(draft, joints, posture) for posture in POSTURES]
-    best = POSTURES[int(np.argmax(np.minimum(rooms, ROOM)))]
+    postures = candidates(part)
+    rooms = [_room(draft, joints, posture) for posture in postures]
+    best = postures[int(np.argmax(np.minimum(rooms, ROOM)))]
     if max(rooms) < 0.0:
         inside = np.array(start)
         inside[joints.servos] = np.clip(joints.to_robot(best, start), lower, upper)
@@ -55,15 +74,17 @@ def check_reach(draft: Robot, part: GenericPart) -> None:
     """
     robot = draft.model_copy(update={"parts": (part,), "digest": f"{part.name} reach"})
     joints = joint_map(robot, part.name)
-    rooms = [_room(draft, joints, posture, turned=np.inf) for posture in POSTURES]
+    postures = candidates(part)
+    rooms = [_room(draft, joints, posture, turned=np.inf) for posture in postures]
     if max(rooms) > -ROOM:
         return
     start, (lower, upper) = np.zeros(len(draft.servos)), _limits(draft, joints)
-    angles = joints.to_robot(POSTURES[int(np.argmax(rooms))], start)
+    angles = joints.to_robot(postures[int(np.argmax(rooms))], start)
     worst = int(np.argmax(np.maximum(lower - angles, angles - upper)))
     low, high, needed = np.rad2deg([lower[worst], upper[worst], angles[worst]])
+    pose = "be raised from its base" if part.stands_alone else "hang down"
     message = (
-        f"{part.name}: the arm can't hang down with its forearm forward; joint "
+        f"{part.name}: the arm can't {pose} with its forearm forward; joint "
         f"{draft.servos[joints.servos[worst]].name} would need {needed:.0f} degrees, and its limits are "
         f"{low:.0f} to {high:.0f} degrees; valid: a model file with the right limits of this joint (not "
         "those of the other side or of another joint), in which the names left and right are not exchanged"
@@ -88,7 +109,7 @@ def clear_of_body(draft: Robot, arms: Sequence[GenericPart]) -> list[GenericPart
 
     found = [(list(arms), distances(arms))]
     joints = [joint_map(robot, part.name) for part in arms]
-    for posture in POSTURES if found[0][1] else ():
+    for posture in candidates(arms[0]) if found[0][1] else ():
         if min(_room(draft, one, posture) for one in joints) >= ROOM:
             posed = [_placed(part, posture) for part in arms]
             found.append((posed, distances(posed)))

@@ -30,6 +30,9 @@ value short limbs are missed; with a smaller value links of a wrist or an ankle 
 BESIDE = 0.3
 """Largest distance of the axis of pronation from the elbow, as a fraction of the upper arm's length. On the
 robot Baxter this fraction is 0.22. Assumed: for the joints of a wrist the fraction is larger than BESIDE."""
+LEVEL = 0.999
+"""Least cosine of the angle between a lift's and an elbow's axis that count as parallel: 2.6 degrees, about
+as much as SLANT. Assumed: CAD models of real arms are closer."""
 STUB = 0.2
 """Least length of a forearm or shank, as a fraction of the length of the upper arm or thigh. Assumed: real
 forearms are longer."""
@@ -39,8 +42,8 @@ forearms are longer."""
 class Limb:
     """An arm or a leg: indices of its joints, and three points on it."""
 
-    ball: tuple[int, int, int]
-    """Joints of the shoulder or hip, from the trunk outwards."""
+    ball: tuple[int, ...]
+    """Joints of the shoulder or hip, from the trunk outwards: three, or the pan and the lift of an arm."""
     bend: int
     """Joint of the elbow or knee."""
     turn: int | None
@@ -54,6 +57,9 @@ class Limb:
     """End (3,) [m] of the forearm or shank. If no joint is at that end, `wrist` is the elbow or knee
     (`middle`).
     """
+    beside: tuple[float, float] = (0.0, 0.0)
+    """Distances [m] of the shapes of upper arm and forearm from these points, along the axis of `bend`: the
+    links of many arms lie side by side."""
 
     @property
     def length(self) -> float:
@@ -87,6 +93,27 @@ def limb_at(joints: Sequence[Joint], bend: int) -> Limb | None:
         return None
     turn, wrist = _second_segment(joints, bend, middle, length)
     return Limb((chain[3], chain[2], chain[1]), bend, turn, centre, middle, wrist)
+
+
+def two_joint_limb_at(joints: Sequence[Joint], bend: int) -> Limb | None:
+    """The arm with the joint `bend` as its elbow whose shoulder has two joints, a pan and a lift: the lift's
+    axis is parallel to the elbow's, and square to the pan's. None if the joints form no such arm."""
+    chain = ancestors(joints, bend)
+    if len(chain) < 3:
+        return None
+    elbow, lift, pan = (joints[index] for index in chain[:3])
+    if abs(lift.axis @ elbow.axis) < LEVEL or abs(pan.axis @ lift.axis) > SLANT:
+        return None
+    across = np.cross(pan.axis, lift.axis)
+    away = abs(float((lift.anchor - pan.anchor) @ across))
+    centre = nearest_point(lift.anchor, pan.anchor, lift.axis, pan.axis)
+    middle = elbow.anchor + elbow.axis * float(elbow.axis @ (centre - elbow.anchor))
+    length = float(np.linalg.norm(middle - centre))
+    reach = max(float(np.linalg.norm(joints[index].anchor - centre)) for index in carried(joints, bend))
+    if length < SHORT * reach or away > ASIDE * length:
+        return None
+    turn, wrist = _second_segment(joints, bend, middle, length)
+    return Limb((chain[2], chain[1]), bend, turn, centre, middle, wrist)
 
 
 def _second_segment(

@@ -1,4 +1,4 @@
-"""Proposes a description of a humanoid from its URDF or MJCF alone.
+"""Proposes a description of a robot with two arms or one from its URDF or MJCF alone.
 
 The arms are found by geometry, which must fit the definition of the generic arm. Limits are copied from the
 file. Pads that the model has become its skin; without any, sleeves of skin are fitted to the geometry of the
@@ -8,11 +8,13 @@ links. If the file lacks a value, this module proposes a value and marks it as a
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from tci.errors import DescriptionError, Fault
 from tci.lab.authoring.assumed_limits import mended, twins_of
-from tci.lab.authoring.find_limbs import FoundLimbs, find_limbs
+from tci.lab.authoring.find_arm import Mount, find_arm
+from tci.lab.authoring.find_limbs import FoundLimbs, NoPairError, find_limbs
 from tci.lab.authoring.find_pads import Pad
 from tci.lab.authoring.hand_skin import hand_skin
 from tci.lab.authoring.initial_posture import check_reach, clear_of_body
@@ -28,6 +30,7 @@ from tci.lab.authoring.link_points import LinkPoints
 from tci.lab.authoring.pad_patches import pad_patches
 from tci.lab.authoring.proposed_arm import Sign, arm, elbow_senses
 from tci.lab.authoring.proposed_fingers import Hands, Trust, find_hands, fingers, with_followers
+from tci.lab.authoring.proposed_lone_arm import lone_arm
 from tci.lab.authoring.proposed_parts import hand, leg, middle, wrist
 from tci.lab.authoring.sleeves import sleeves
 from tci.messages import Mode
@@ -38,33 +41,35 @@ from tci.robot.model_format import model_format
 
 
 def propose(
-    path: Path, *, name: str, package: str | None = None, mount: bool = False,
-    meshes: str | None = None, arms: tuple[str, str] | None = None, elbow: Sign | None = None,
+    path: Path, *, name: str, package: str | None = None, linear: bool = False,
+    meshes: str | None = None, arms: tuple[str, ...] | None = None, elbow: Sign | None = None,
     trust_fingers: Trust | None = None, skin_on_hands: bool = False, pads: Sequence[Pad] = (),
-    cover: bool | None = None,
+    cover: bool | None = None, side: Side = "left", mount: Mount | None = None, forward: str | None = None,
 ) -> Robot:  # fmt: skip
     """Proposes the description of the robot whose URDF or MJCF is at `path`, for review by a person.
 
     Args: path: URDF or MJCF file. name: Name of the robot. package: Installed Python package that contains
-        the model. mount: Matters only for a shoulder whose axes are slightly rotated against those of the
+        the model. linear: Matters only for a shoulder whose axes are slightly rotated against those of the
         generic shoulder. True: the description has a rotated mount frame, if eq. 1 is exact in this frame.
         False: the shoulder is retargeted in the torso frame. meshes: Folder with the meshes, if they are not
         at the paths in the model; "none" to do without meshes. arms: Names of the first joints of the left
-        and the right shoulder, if the arms are in doubt. elbow: Direction in which the left elbow's joint
-        bends the arm, if it is in doubt. trust_fingers: "names" or "places": source to trust if the names and
-        the places of the fingers contradict each other; "none" describes the hands without fingers.
+        and the right shoulder, if the arms are in doubt; one name for an arm alone. elbow: Direction in which
+        the left elbow's joint bends the arm, if it is in doubt. trust_fingers: "names" or "places": source to
+        trust if the names and the places of the fingers contradict each other; "none" describes the hands
+        without fingers.
         skin_on_hands: Adds assumed skin on palms and finger tips. pads: Pads of the model. cover: True: adds
         sleeves of skin around the arms, although no model shows them; False: adds none; None: adds them if
-        there are no `pads`.
+        there are no `pads`. side, mount, forward: As what one arm alone counts, what it is mounted on, and
+        the axis of the model's root that points forward; see `find_arm`.
 
-    Raises DescriptionError for a file that is not a model of a humanoid with two arms, or if arms, elbows,
+    Raises DescriptionError for a file that is not a model of a robot with one arm or two, or if arms, elbows,
     the ends of forearms or fingers are in doubt.
     """
     model = Model(
         format=model_format(path), path=str(path.resolve()), package=package, meshes=meshes, torso_link="?"
     )  # fmt: skip
     points = LinkPoints(model)
-    body = find_limbs(model, points, arms=arms)
+    body = _body(model, points, arms, side=side, mount=mount, forward=forward)
     rpy, xyz = rpy_of(body.T_ET[:3, :3]), body.T_ET[:3, 3]
     frame = {
         "torso_link": body.torso_link,
@@ -72,7 +77,7 @@ def propose(
         "torso_xyz": tuple(round(float(place), 6) for place in xyz),
     }
     model = model.model_copy(update=frame)
-    facts = mended(read_facts(model, points.compiled), twins_of(body))
+    facts = mended(read_facts(model, points.compiled), twins_of(body) if body.outward is None else {})
     hands = find_hands(body, facts, points, str(path), trust=trust_fingers)
     servos = with_followers(_servos(body, facts, points, hands), body, facts, hands)
     index = {servo.joint: servo.index for servo in servos}
@@ -81,30 +86,54 @@ def propose(
         name=name, title=f"{name}, proposed from {path.name}", source=str(path), digest="", model=model,
         servos=servos, parts=(),
     )  # fmt: skip
-    senses = elbow_senses(draft, body, points, index, left=elbow)
     parts: list[GenericPart] = []
     patches: list[Patch] = []
-    for side, limb in body.arms.items():
-        made = arm(draft, body, _side(side), points, index, sense=senses[side], mount=mount)
+    if body.outward is None:
+        senses = elbow_senses(draft, body, points, index, left=elbow)
+        parts += [
+            arm(draft, body, _side(name), points, index, sense=senses[name], mount=linear)
+            for name in body.arms
+        ]
+    else:
+        parts.append(lone_arm(draft, body, points, index, elbow=elbow))
+    for made, limb in zip(parts, body.arms.values(), strict=True):
         check_reach(draft, made)
-        parts.append(made)
         if cover or (cover is None and not pads):
             patches += sleeves(body, limb, made, points)
     parts = clear_of_body(draft, parts)
-    parts += [
-        middle(body, "head", body.head, index),
-        middle(body, "torso", body.trunk, index, sense=-1.0 if body.trunk_below else 1.0),
-    ]
+    if body.outward is None or body.head:
+        parts.append(middle(body, "head", body.head, index))
+    if body.outward is None:
+        parts.append(middle(body, "torso", body.trunk, index, sense=-1.0 if body.trunk_below else 1.0))
     wrists = [
         hand(draft, body, limb, arm, index) for limb, arm in zip(body.arms.values(), parts, strict=False)
     ]
     parts += [one for one in wrists if one is not None]
-    for side, found in hands.items():
-        parts.append(fingers(draft, body, side, found, facts, points))
+    for own, found in hands.items():
+        parts.append(fingers(draft, body, own, found, facts, points))
         patches += hand_skin(body, found, parts[-1], points) if skin_on_hands else []
-    parts += [leg(draft, body, one, side, points, index) for side, one in body.legs.items()]
+    parts += [leg(draft, body, one, own, points, index) for own, one in body.legs.items()]
     patches += pad_patches(draft, parts, pads, points.compiled)
     return draft.model_copy(update={"parts": tuple(parts), "patches": tuple(patches)})
+
+
+def _body(
+    model: Model,
+    points: LinkPoints,
+    arms: tuple[str, ...] | None,
+    *,
+    side: Side,
+    mount: Mount | None,
+    forward: str | None,
+) -> FoundLimbs:
+    """The humanoid in a model, or else its one arm."""
+    alone = partial(find_arm, model, points, side=side, mount=mount, forward=forward)
+    if arms is not None and len(arms) == 1:
+        return alone(first=arms[0])
+    try:
+        return find_limbs(model, points, arms=None if arms is None else (arms[0], arms[1]))
+    except NoPairError:
+        return alone()
 
 
 def _check_arms(body: FoundLimbs, servos: Iterable[Servo], points: LinkPoints, path: str) -> None:
@@ -137,7 +166,8 @@ def _servos(
     able = driven(body.joints, facts, needed)
     on_head = [one for one in body.devices if set(body.head) & set(ancestors(body.joints, one))]
     groups: dict[str, Iterable[int]] = {"torso": body.trunk[::-1], "head": [*body.head, *on_head]}
-    groups |= {f"{side}_arm": body.behind(_first(body, limb.ball[0])) for side, limb in body.arms.items()}
+    first = _first if body.outward is None else _own
+    groups |= {f"{side}_arm": body.behind(first(body, limb.ball[0])) for side, limb in body.arms.items()}
     groups |= {f"{side}_leg": body.behind(found.chain[0]) for side, found in body.legs.items()}
     named = {joint for group in groups.values() for joint in group}
     groups["other"] = [joint for joint in range(len(body.joints)) if joint not in named]
@@ -159,6 +189,10 @@ def _servos(
 
 def _side(name: str) -> Side:
     return "left" if name == "left" else "right"
+
+
+def _own(_: FoundLimbs, shoulder: int) -> int:
+    return shoulder
 
 
 def _first(body: FoundLimbs, shoulder: int) -> int:

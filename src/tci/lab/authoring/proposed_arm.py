@@ -88,10 +88,10 @@ def largest_flexion(
     limits = draft.servos[index[body.joints[limb.bend].name]].limits
     assert limits.lower is not None
     assert limits.upper is not None
-    return max(sense * limits.lower, sense * limits.upper) + _bent_at_zero(body, limb, sense)
+    return max(sense * limits.lower, sense * limits.upper) + bent_at_zero(body, limb, sense)
 
 
-def _bent_at_zero(body: FoundLimbs, limb: Limb, sense: float) -> float:
+def bent_at_zero(body: FoundLimbs, limb: Limb, sense: float) -> float:
     """Returns the generic elbow angle [rad] of an arm at the model's zero. `sense` (1 or -1) is the direction
     in which the elbow joint turns to bend the arm."""
     return angle_about(sense * body.joints[limb.bend].axis, *axes_of(body, limb))
@@ -135,7 +135,7 @@ def arm(
     servos.append(
         generic_joint(
             3, JOINTS[3], index[joints[limb.bend].name], scale=float(sense),
-            offset=_bent_at_zero(body, limb, sense),
+            offset=bent_at_zero(body, limb, sense),
         )
     )  # fmt: skip
     if limb.turn is None:
@@ -149,14 +149,14 @@ def arm(
         kind="arm",
         side=side,
         servos=tuple(servos),
-        segments=_segments(body, limb, points),
+        segments=segments(body, limb, points),
     )
     part = _linear_where_exact(draft, part, mount=mount)
     return with_initial(draft, part)
 
 
-def _segments(body: FoundLimbs, limb: Limb, points: LinkPoints) -> tuple[Segment, ...]:
-    links = {"upper_arm": body.joints[limb.ball[2]].link, "forearm": body.joints[limb.bend].link}
+def segments(body: FoundLimbs, limb: Limb, points: LinkPoints) -> tuple[Segment, ...]:
+    links = {"upper_arm": body.joints[limb.ball[-1]].link, "forearm": body.joints[limb.bend].link}
     ends = ends_of(body, limb)
     return tuple(segment(body, points, name, links[name], *ends[name]) for name in ends)
 

@@ -18,11 +18,11 @@ from tci.lab.authoring.link_points import LinkPoints
 from tci.lab.authoring.sleeves import three
 from tci.messages.frames import Array, rpy_of
 from tci.robot.description import GenericPart, GenericServo, Robot, Segment
-from tci.robot.generic_arm import Side
+from tci.robot.description.part import MAX_MOUNT
+from tci.robot.generic_arm import Side, forearm_rotation
 from tci.robot.joint_map import joint_map
 from tci.robot.kinematics import KinematicChain
 from tci.robot.shoulder import Shoulder, angle_about, cross_matrix
-from tci.robot.xml.grammar import MAX_MOUNT
 
 GENERIC_SPEED = float(np.deg2rad(180.0))
 """Speed limit [rad/s] of generic joints. Assumed: fast enough for a withdrawal. The speed limits of the
@@ -33,7 +33,8 @@ LEG = {
 }  # fmt: skip
 """Axes of positive rotation of a straight left leg, in the torso frame."""
 HAND = {"flexion": (-1.0, 0.0, 0.0), "deviation": (0.0, -1.0, 0.0)}
-"""Axes of positive rotation of a left hand, in the torso frame, while all generic angles of the arm are 0."""
+"""Axes of positive rotation of a left hand, in the frame of the forearm while all generic angles of the arm
+are 0: the torso frame, if it hangs there."""
 STANDING = np.deg2rad([20.0, 0.0, 0.0, 40.0, 20.0, 0.0])
 """Initial posture [rad] of legs, if the limits allow this posture. Assumed: slightly bent knees, level
 feet."""
@@ -122,8 +123,8 @@ def hand(
 ) -> GenericPart | None:
     """Returns the generic hand with the wrist joints of an arm; None if no joint fits.
 
-    Axes are compared while all generic angles of the arm are 0. Thus the zero of pronation decides which
-    joint of the wrist is flexion.
+    Axes are compared in the frame of the forearm, while all generic angles of the arm are 0. Thus the zero of
+    pronation decides which joint of the wrist is flexion.
     """
     assert arm.side is not None
     robot = draft.model_copy(update={"parts": (arm,), "digest": f"{arm.name} and its hand"})
@@ -131,6 +132,7 @@ def hand(
     position = np.zeros(len(draft.servos))
     position[joints.servos] = joints.to_robot(np.zeros(5), position)
     kinematics = KinematicChain(robot)
+    R_TF = arm.R_TM @ forearm_rotation(joints.to_generic(position), arm.side, axial=True)
     mirror = np.array([1.0, 1.0, 1.0] if arm.side == "left" else [-1.0, 1.0, -1.0])
     servos, free = [], wrist(body, limb)
     for id, (name, axis) in enumerate(HAND.items()):
@@ -139,7 +141,7 @@ def hand(
             servo = index.get(body.joints[place].name)
             if servo is None:
                 continue
-            turns = kinematics.jacobian(position, body.joints[place].link)[3:, servo]
+            turns = R_TF.T @ kinematics.jacobian(position, body.joints[place].link)[3:, servo]
             along = float(turns @ (mirror * axis))
             if abs(along) > ALIKE:
                 scale = float(np.sign(along))

@@ -38,11 +38,13 @@ def axes_of(body: FoundLimbs, limb: Limb) -> tuple[Array, Array]:
 def ends_of(body: FoundLimbs, limb: Limb) -> dict[str, tuple[Array, Array]]:
     """Returns both ends (3,) [m] of each segment's axis."""
     elbow, wrist = limb.middle, limb.wrist
+    bend = body.joints[limb.bend]
     if limb.turn is not None:
-        turn, bend = body.joints[limb.turn], body.joints[limb.bend]
+        turn = body.joints[limb.turn]
         elbow = nearest_point(turn.anchor, bend.anchor, turn.axis, bend.axis)
         wrist = elbow + turn.axis * float(turn.axis @ (limb.wrist - elbow))
-    return {"upper_arm": (limb.centre, limb.middle), "forearm": (elbow, wrist)}
+    upper, fore = (bend.axis * aside for aside in limb.beside)
+    return {"upper_arm": (limb.centre + upper, limb.middle + upper), "forearm": (elbow + fore, wrist + fore)}
 
 
 def sleeves(body: FoundLimbs, limb: Limb, part: GenericPart, points: LinkPoints) -> list[Patch]:
@@ -55,7 +57,7 @@ def sleeves(body: FoundLimbs, limb: Limb, part: GenericPart, points: LinkPoints)
     bend = body.joints[limb.bend].axis * float(np.sign(part.servos[3].scale))
     turn = [] if limb.turn is None else [body.joints[limb.turn].link]
     links = {
-        "upper_arm": [body.joints[limb.ball[1]].link, body.joints[limb.ball[2]].link],
+        "upper_arm": [body.joints[joint].link for joint in limb.ball[1:]],
         "forearm": [body.joints[limb.bend].link, *turn],
     }
     patches = []

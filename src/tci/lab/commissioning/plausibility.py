@@ -19,6 +19,7 @@ from tci.lab.commissioning.both_sides import UNEVEN, joint_pairs, pairs, posture
 from tci.lab.commissioning.sleeve_ends import sleeve_ends
 from tci.messages.frames import Array, apply
 from tci.robot.description import GenericPart, Model, Patch, Robot, TruncatedCone
+from tci.robot.generic_arm import Side, forearm_rotation
 from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import KinematicChain, bare_model, written
 from tci.robot.mesh_files import NO_MESHES
@@ -219,6 +220,8 @@ def _signs(robot: Robot, chain: KinematicChain, position: Array) -> Iterator[str
             if link is None:
                 continue
             turn = chain.jacobian(position, link)[3:, generic.servo] * np.sign(generic.scale)
+            if part.kind == "hand":
+                turn = _forearm(robot, part.side, position).T @ turn
             if part.kind == "torso":
                 turn = -turn  # relative to the torso, the base turns in the opposite direction
             if float(turn @ (mirror * axes[generic.name])) < CONTRARY:
@@ -227,6 +230,15 @@ def _signs(robot: Robot, chain: KinematicChain, position: Array) -> Iterator[str
                     f"{part.name} {generic.name}: {servo} turns it the wrong way; valid: the other "
                     "sign of gamma"
                 )
+
+
+def _forearm(robot: Robot, side: Side | None, position: Array) -> Array:
+    """Rotation (3, 3) of the forearm of one side in the torso frame; the identity if it has no arm."""
+    arm = next((part for part in robot.parts if part.kind == "arm" and part.side == side), None)
+    if arm is None or side is None:
+        return np.eye(3)
+    posture = joint_map(robot, arm.name).to_generic(position)
+    return np.array(arm.R_TM @ forearm_rotation(posture, side, axial=True))
 
 
 def _segments(

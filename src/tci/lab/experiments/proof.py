@@ -101,7 +101,7 @@ def prove(
         verdict = judge(robot)
     faults = [*verdict.faults]
     if verdict.missing:
-        faults.append(f"{verdict.missing}; valid: a model, and two arms")
+        faults.append(f"{verdict.missing}; valid: a model, and an arm or fingers")
     if faults:
         return Proof(robot.name, verdict.axes, (), (), tuple(faults))
     patches: list[PatchTrial] = []

@@ -12,7 +12,6 @@ from tci.body.posture import to_platform
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DescriptionError, TciError
 from tci.lab.experiments.checker import command_violations, physics_violations
-from tci.lab.experiments.trial_places import SIDES
 from tci.messages import GenericCommand, Mode, PlatformCommand
 from tci.messages.frames import Array, angle_between, apply
 from tci.robot.description import GenericPart, Robot
@@ -36,8 +35,11 @@ AXIS = 0.5
 """Largest permitted angle [degrees] between an axis of the robot and the corresponding axis of the generic
 arm. Assumed: larger than the effect of rounding in published models, smaller than the effect of a wrong
 mount."""
-FORWARD = np.deg2rad([90.0, 0.0, 0.0, 0.0, 0.0])
-"""Angles [rad] of the generic joints of an arm that is stretched out forward."""
+FORWARD, SQUARE = np.deg2rad([[90.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0]])
+"""Angles [rad] of the generic joints of an arm that is stretched out forward: on a torso, and of one that
+stands alone, square to its first axis."""
+LIMBS = ("arm", "fingers")
+"""Kinds of parts of which a robot needs one for a proof."""
 TARGETS, PACE = 8, 0.4
 """Number of random targets far outside the limits, and time [s] for each target. Assumed: an arm at full
 speed reaches a limit within this time."""
@@ -60,24 +62,24 @@ class Verdict:
     """A robot can be simulated and proved if nothing is missing and `faults` is empty."""
 
     missing: str = ""
-    """What the robot lacks for a proof, though it may be driven without: a model, or an arm."""
+    """What the robot lacks for a proof, though it may be driven without: a model, or arms and hands."""
     faults: tuple[str, ...] = ()
     """Faults, one sentence each, with what is valid."""
     axes: tuple[Axes, ...] = ()
 
 
 def judge(robot: Robot) -> Verdict:
-    """Compiles the model, weighs it, simulates one period with its skin, compares the axes of both arms with
-    the generic arm's, and sends both arms to their limits. Takes one or two seconds.
+    """Compiles the model, weighs it, simulates one period with its skin, compares the axes of its arms with
+    the generic arm's, and sends arms and fingers to their limits. Takes one or two seconds.
 
     A step that fails is the last one, since those after it need it.
     """
-    if missing := "no kinematic model" if robot.model is None else arms_missing(robot):
+    if missing := "no kinematic model" if robot.model is None else limbs_missing(robot):
         return Verdict(missing)
     try:
         heavy = [*weight_faults(robot)]
         _one_period(robot)
-        axes = [compare_axes(robot, robot.part(f"{side}_arm")) for side in SIDES]
+        axes = [compare_axes(robot, part) for part in robot.parts if part.kind == "arm"]
         # An arm that is too heavy for its motors sags, and the gate then blames something that it met.
         faults = [*heavy, *axis_faults(axes), *([] if heavy else limit_faults(robot))]
     except DescriptionError as error:
@@ -87,11 +89,9 @@ def judge(robot: Robot) -> Verdict:
     return Verdict(faults=tuple(faults), axes=tuple(axes))
 
 
-def arms_missing(robot: Robot) -> str:
-    """The arms that a robot with one arm or none lacks, in words; empty for one with two."""
-    arms = [f"{side}_arm" for side in SIDES]
-    missing = [name for name in arms if name not in {part.name for part in robot.parts}]
-    return f"no part {' and '.join(missing)}" if missing else ""
+def limbs_missing(robot: Robot) -> str:
+    """What a robot lacks that has neither an arm nor fingers, in words; empty for any other."""
+    return "" if any(part.kind in LIMBS for part in robot.parts) else "no arm and no fingers"
 
 
 def weight_faults(robot: Robot) -> Iterator[str]:
@@ -101,7 +101,8 @@ def weight_faults(robot: Robot) -> Iterator[str]:
     arms = [part for part in robot.parts if part.kind == "arm"]
     for part in arms:
         joints = joint_map(robot, part.name)
-        position[joints.servos] = joints.to_robot(FORWARD, position)
+        ahead = SQUARE if part.stands_alone else FORWARD
+        position[joints.servos] = joints.to_robot(ahead, position)
     needed = np.abs(gravity.torques(position))
     for servo in dict.fromkeys(one.servo for part in arms for one in part.servos if one.servo is not None):
         name, torque = robot.servos[servo].name, robot.servos[servo].limits.torque
@@ -142,8 +143,7 @@ def compare_axes(robot: Robot, part: GenericPart) -> Axes:
     mapped = {generic.servo for generic in part.servos if generic.servo is not None}
     hand = next(link for link in kinematics.links if mapped <= set(kinematics.chain(link)))
     worst, within = 0.0, 0
-    low, high = RANGE.T
-    for posture in np.random.default_rng(2).uniform(low, high, size=(POSTURES, len(JOINTS))):
+    for posture in _random_postures(robot, part):
         command = to_platform(robot, GenericCommand(part.name, Mode.POSITION, posture))
         limits = [robot.servos[servo].limits for servo in command.servos]
         lower, upper = np.array([[limit.lower, limit.upper] for limit in limits], dtype=float).T
@@ -163,6 +163,27 @@ def compare_axes(robot: Robot, part: GenericPart) -> Axes:
     return Axes(part.name, within, worst)
 
 
+def _random_postures(robot: Robot, part: GenericPart) -> Array:
+    """Random generic angles (m, 5) [rad]: those that most humanoid arms can reach, and of an arm that stands
+    alone those between its own limits, since there is no common way to build one."""
+    generator = np.random.default_rng(2)
+    if not part.stands_alone:
+        low, high = RANGE.T
+        return generator.uniform(low, high, size=(POSTURES, len(JOINTS)))
+    joints, position = joint_map(robot, part.name), np.array(initial_position(robot))
+    limits = [robot.servos[servo].limits for servo in joints.servos]
+    ends = [
+        (-np.pi if one.lower is None else one.lower, np.pi if one.upper is None else one.upper)
+        for one in limits
+    ]
+    low, high = np.array(ends).T
+    postures = []
+    for angles in generator.uniform(low, high, size=(POSTURES, len(ends))):
+        position[joints.servos] = angles
+        postures.append(joints.to_generic(position))
+    return np.array(postures)
+
+
 def arm_axes(
     robot: Robot, part: GenericPart, kinematics: KinematicChain, hand: str, position: Array
 ) -> tuple[Array, Array, Array | None]:
@@ -176,18 +197,21 @@ def arm_axes(
     ends = {s.name: apply(poses[s.link], np.array(s.origin)) for s in part.segments}
     turns = part.R_TM.T @ kinematics.jacobian(position, hand)[3:]
     yaw, elbow, pronation = (generic.servo for generic in part.servos[2:])
-    assert yaw is not None
     assert elbow is not None
-    upper_arm = turns[:, yaw]
-    upper_arm = upper_arm * np.sign(upper_arm @ (part.R_TM.T @ (ends["forearm"] - ends["upper_arm"])))
     bend = turns[:, elbow] * np.sign(part.servos[3].sense)
+    along = part.R_TM.T @ (ends["forearm"] - ends["upper_arm"])
+    if yaw is None:  # no joint turns the upper arm: it is square to its elbow
+        upper_arm = along - bend * (bend @ along)
+        upper_arm = upper_arm / np.linalg.norm(upper_arm)
+    else:
+        upper_arm = turns[:, yaw] * np.sign(turns[:, yaw] @ along)
     if pronation is None:
         return upper_arm, bend, None
     return upper_arm, bend, turns[:, pronation] * np.sign(part.servos[4].sense)
 
 
 def limit_faults(robot: Robot) -> list[str]:
-    """Commands both arms to random targets far outside their limits.
+    """Commands arms, or the fingers of a robot without arms, to random targets far outside their limits.
 
     Returns one sentence for each violation that the module `checker` finds, and for each reason for which the
     gate refused a command or held the robot.
@@ -196,15 +220,17 @@ def limit_faults(robot: Robot) -> list[str]:
     generator = np.random.default_rng(4)
     sent, positions, velocities = [], [], []
     change = -1
+    arms = [part for part in robot.parts if part.kind == "arm"]
+    moved = arms or [part for part in robot.parts if part.kind == "fingers"]
     control = Control(driver)
     for moment in control.periods(duration=TARGETS * PACE):
         joints = moment.reading.joints
         orders: list[PlatformCommand] = []
         if int(moment.now / PACE) > change:
             change = int(moment.now / PACE)
-            for side in SIDES:
-                target = generator.uniform(-2.0, 2.0, len(JOINTS))
-                command = GenericCommand(f"{side}_arm", Mode.POSITION, target)
+            for part in moved:
+                target = generator.uniform(-2.0, 2.0, len(part.servos))
+                command = GenericCommand(part.name, Mode.POSITION, target)
                 orders.append(to_platform(robot, command, position=joints.position))
         sent.append(control.act(orders))
         positions.append(joints.position)

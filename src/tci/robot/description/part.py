@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from functools import cached_property
+from math import acos, radians
 from typing import Literal
+
+import numpy as np
 
 from tci.errors import UnknownNameError
 from tci.messages.frames import Array, read_only, rotation_rpy
 from tci.robot.description.base import Description, Vector
 
+MAX_MOUNT = radians(20.0)
+"""Largest rotation [rad] of a mount on a torso. Assumed: there it is only a small correction, and a shoulder
+that differs more from the generic one must be retargeted. An arm that is alone may be mounted in any way."""
 Kind = Literal["arm", "head", "torso", "leg", "hand", "fingers", "other"]
 """Kinds of generic parts. Parts of one kind have the same generic joints."""
 
@@ -154,6 +160,12 @@ class GenericPart(Description):
     def R_TM(self) -> Array:
         """Rotation (3, 3) of the mount frame M in the torso frame T."""
         return read_only(rotation_rpy(*self.mount))
+
+    @cached_property
+    def stands_alone(self) -> bool:
+        """True for an arm on a table, wall or ceiling: its mount is turned as no shoulder on a torso is. At
+        generic zero it does not hang, but is stretched out square to its first axis."""
+        return acos(min(1.0, max(-1.0, (float(np.trace(self.R_TM)) - 1.0) / 2.0))) > MAX_MOUNT + 1e-9
 
     @cached_property
     def initial_posture(self) -> Array:

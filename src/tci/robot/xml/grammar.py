@@ -6,7 +6,6 @@ its attributes are taken from this type. So reader, writer, schema and reference
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import get_args
 
@@ -398,7 +397,3 @@ GENERIC_ROBOT = Element(
     many={"robot_part": ROBOT_PART, "coupling": COUPLING, "binding": BINDING},
     describes=Robot,
 )  # fmt: skip
-
-MAX_MOUNT = math.radians(20.0)
-"""Largest rotation [rad] of a mount. Assumed: a mount is only a small correction. A shoulder that differs
-more from the generic shoulder must be retargeted."""

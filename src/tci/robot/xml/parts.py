@@ -19,9 +19,9 @@ from tci.robot.description import (
     Segment,
     Servo,
 )
+from tci.robot.description.part import MAX_MOUNT
 from tci.robot.generic_arm import JOINTS, SEGMENTS
 from tci.robot.xml.document import Faults
-from tci.robot.xml.grammar import MAX_MOUNT
 from tci.robot.xml.initial import check_initial
 from tci.robot.xml.node import Node, listed
 from tci.robot.xml.servos import NAMELESS, Servos, once_only
@@ -40,10 +40,12 @@ _SLACK = 1e-9
 def read_parts(root: Node, servos: Servos, faults: Faults) -> tuple[GenericPart, ...]:
     """Reads the generic parts of a file."""
     nodes = once_only(root.all("generic_robot_part"), "name", "generic_robot_part with", faults)
-    return tuple(_part(node, servos, faults) for node in nodes)
+    alone = sum(node.get("kind") == "arm" for node in nodes) == 1
+    return tuple(_part(node, servos, faults, alone=alone) for node in nodes)
 
 
-def _part(node: Node, servos: Servos, faults: Faults) -> GenericPart:
+def _part(node: Node, servos: Servos, faults: Faults, *, alone: bool) -> GenericPart:
+    """Reads one part. `alone` is True in a file with one arm, whose mount may have any orientation."""
     name = node.get("name", "?")
     kind, side = node.get("kind", "other"), node.get("side")
     if kind in NAMES and side is None and not node.misspelt:
@@ -62,7 +64,7 @@ def _part(node: Node, servos: Servos, faults: Faults) -> GenericPart:
     check_initial(generic, nodes, positions, servos, faults)
     mount = node.first("mount")
     angles = (0.0, 0.0, 0.0) if mount is None else tuple(mount.get(a, 0.0) for a in ("roll", "pitch", "yaw"))
-    if mount is not None and mount.ok:
+    if mount is not None and mount.ok and not (alone and kind == "arm"):
         _check_mount(mount, angles, faults)
     segments = _segments(node, kind, faults)
     return GenericPart.model_validate(
@@ -216,8 +218,8 @@ def _check_mount(node: Node, angles: tuple[float, ...], faults: Faults) -> None:
     if turn > MAX_MOUNT + _SLACK:
         faults.add(
             node.line,
-            f"the mount turns by {in_unit(turn, node.unit)}, valid: at most {in_unit(MAX_MOUNT, node.unit)}; "
-            "another kind of shoulder needs the transform_type retarget",
+            f"the mount turns by {in_unit(turn, node.unit)}, valid: at most {in_unit(MAX_MOUNT, node.unit)} "
+            "on a robot with two arms; another kind of shoulder needs the transform_type retarget",
         )
 
 

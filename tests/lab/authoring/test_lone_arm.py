@@ -1,0 +1,103 @@
+"""`propose` for one arm alone, on a table, a wall or a ceiling. The judge places the arm by its own
+formulas."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tci.errors import DescriptionError
+from tci.lab.authoring.find_arm import Mount
+from tci.lab.authoring.proposal import propose
+from tci.lab.experiments.verdict import judge
+from tci.messages.frames import Array
+from tci.robot.description import Robot
+from tci.robot.generic_arm import Side
+from tci.robot.joint_map import initial_position, joint_map
+from tci.robot.kinematics import KinematicChain
+
+UPPER, FORE = 0.3, 0.25
+PAN, LIFT, ELBOW = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)
+
+
+def made(folder: Path, *, turns: bool, lift: tuple[float, float, float] = LIFT, hangs: bool = False) -> Path:
+    """An arm that stands upright at zero, or hangs from its base; with `turns`, its upper arm turns about its
+    length."""
+    pan, height = ("3.14159265358979 0 0", -0.1) if hangs else ("0 0 0", 0.1)
+    joints = [("pan", "base", f"0 0 {height}", PAN), ("lift", "pan", "0 0 0.05", lift)]
+    joints += [("turn", "lift", "0 0 0.1", (0.0, 0.0, 1.0))] if turns else []
+    joints.append(("elbow", joints[-1][0], f"0 0 {UPPER - 0.1 * turns}", ELBOW))
+    joints.append(("wrist", "elbow", f"0 0 {FORE}", ELBOW))
+    size = {"lift": UPPER, "turn": UPPER - 0.1, "elbow": FORE, "wrist": 0.1}
+    text = "<robot name='arm'><link name='base'/>"
+    for name, parent, xyz, axis in joints:
+        long = size.get(name, 0.05)
+        shape = f"<geometry><cylinder radius='0.03' length='{long}'/></geometry>"
+        text += (
+            f"<link name='{name}'><inertial><origin xyz='0 0 {long / 2}'/><mass value='1'/>"
+            f"<inertia ixx='0.01' iyy='0.01' izz='0.01' ixy='0' ixz='0' iyz='0'/></inertial>"
+            f"<collision><origin xyz='0 0 {long / 2}'/>{shape}</collision></link>"
+            f"<joint name='{name}' type='revolute'><parent link='{parent}'/><child link='{name}'/>"
+            f"<origin xyz='{xyz}' rpy='{pan if name == 'pan' else '0 0 0'}'/>"
+            f"<axis xyz='{' '.join(map(str, axis))}'/>"
+            "<limit lower='-2.5' upper='2.5' effort='60' velocity='2'/></joint>"
+        )
+    path = folder / "arm.urdf"
+    path.write_text(text + "</robot>")
+    return path
+
+
+def wrist(robot: Robot, side: Side, posture: Array) -> Array:
+    """Place (3,) [m] of the wrist from the shoulder, in the torso frame, at generic angles [rad]."""
+    joints, position = joint_map(robot, f"{side}_arm"), np.array(initial_position(robot))
+    position[joints.servos] = joints.to_robot(posture, position)
+    poses = KinematicChain(robot).poses(position, ["lift", "wrist"])
+    return np.array(poses["wrist"][:3, 3] - poses["lift"][:3, 3])
+
+
+@pytest.mark.parametrize(
+    ("side", "mount", "turns"), [*product(("left", "right"), ("table", "wall", "ceiling"), (True, False))]
+)
+def test_pitch_turns_the_arm_and_roll_lifts_it(side: Side, mount: Mount, turns: bool, tmp_path: Path) -> None:
+    """Outward is away from what the arm is mounted on: up, forward or down. At zero, it stretches ahead."""
+    robot = propose(made(tmp_path, turns=turns), name="arm", side=side, mount=mount)
+    x, z = np.eye(3)[0], np.eye(3)[2]
+    outward, ahead = {"table": (z, x), "wall": (x, z), "ceiling": (-z, x)}[mount]
+    inward = np.cross(ahead, outward) * (1.0 if side == "left" else -1.0)
+    for pitch, roll, flexion in np.deg2rad([[0, 0, 0], [30, 0, 0], [0, 50, 0], [-40, 20, 0], [20, 60, 80]]):
+        level = np.cos(pitch) * ahead + np.sin(pitch) * inward
+        upper = np.cos(roll) * level + np.sin(roll) * outward
+        fore = np.cos(roll - flexion) * level + np.sin(roll - flexion) * outward
+        there = wrist(robot, side, np.array([pitch, roll, np.pi / 2.0, flexion, 0.0]))
+        np.testing.assert_allclose(there, UPPER * upper + FORE * fore, atol=1e-9)
+    lacks = [one.name for one in robot.part(f"{side}_arm").servos if one.servo is None]
+    assert lacks == [*([] if turns else ["shoulder_yaw"]), "elbow_yaw"]
+
+
+def test_what_is_proposed_can_be_simulated_and_proved(tmp_path: Path) -> None:
+    verdict = judge(propose(made(tmp_path, turns=False), name="arm"))
+    assert not verdict.missing
+    assert not verdict.faults
+    assert [axes.part for axes in verdict.axes] == ["left_arm"]
+
+
+def test_an_arm_that_hangs_in_its_model_is_on_a_ceiling_and_forward_is_by_choice(tmp_path: Path) -> None:
+    path = made(tmp_path, turns=True, hangs=True)
+    robot = propose(path, name="arm", forward="-y")
+    there = KinematicChain(robot).poses(initial_position(robot), ["wrist"])["wrist"][:3, 3]
+    assert there[2] < -0.1
+    np.testing.assert_allclose(robot.model.T_LT[:3, 0], [0.0, -1.0, 0.0], atol=1e-9)
+    with pytest.raises(DescriptionError, match="--forward z is along the pan's axis; valid: x, y, -x, -y"):
+        propose(path, name="arm", forward="z")
+
+
+def test_a_lift_that_is_not_square_is_refused_with_what_is_valid(tmp_path: Path) -> None:
+    slanted = made(tmp_path, turns=False, lift=(0.0, 0.9, 0.43589))
+    with pytest.raises(DescriptionError, match=r"no single arm that a pan turns.*lift is square to its pan"):
+        propose(slanted, name="arm")
+    turned = made(tmp_path, turns=True, lift=(0.0, 0.99, 0.141067))
+    with pytest.raises(DescriptionError, match="lift: carry what bends as an arm at turn does"):
+        propose(turned, name="arm")

@@ -1,0 +1,85 @@
+"""The packaged arms that stand alone do what generic angles say, judged by MuJoCo on the maker's model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from lxml import etree
+
+from helpers.robot_groups import ARMS
+from tci.messages.frames import Array
+from tci.robot.catalogue import load_robot
+from tci.robot.description import Robot
+from tci.robot.joint_map import initial_position, joint_map
+from tci.robot.model_file import load_spec
+from tci.robot.xml import schema_path
+from tci.robot.xml.extends import read_element
+
+PLACES = {
+    "franka": ("panda_link1", "panda_link4", "panda_link5"),
+    "so101": ("shoulder_link", "lower_arm_link", "wrist_link"),
+    "ur5": ("shoulder_link", "forearm_link", "wrist_1_link"),
+}
+"""Links that begin at the shoulder, the elbow and the wrist of each arm."""
+REACH = {"franka": (0.316, 0.384), "so101": (0.116, 0.135), "ur5": (0.425, 0.392)}
+"""Lengths [m] of upper arm and forearm, from data sheets and the makers' drawings."""
+LACKING = {"franka": [], "so101": ["shoulder_yaw", "elbow_yaw"], "ur5": ["shoulder_yaw", "elbow_yaw"]}
+
+
+@pytest.fixture(scope="module", params=ARMS)
+def robot(request: pytest.FixtureRequest) -> Robot:
+    return load_robot(request.param)
+
+
+def places(robot: Robot, **moved: float) -> tuple[Array, Array]:
+    """Places (3,) [m] of elbow and wrist at the initial posture, with `moved` [degrees] added to it."""
+    part, model = robot.part("left_arm"), load_spec(robot.model).compile()
+    posture = np.array(part.initial_posture)
+    for one in part.servos:
+        posture[one.id] += np.deg2rad(moved.get(one.name, 0.0))
+    joints, data, position = joint_map(robot, part.name), mujoco.MjData(model), initial_position(robot)
+    position = np.array(position)
+    position[joints.servos] = joints.to_robot(posture, position)
+    for servo in robot.servos:
+        data.qpos[model.joint(servo.joint).qposadr[0]] = position[servo.index]
+    mujoco.mj_kinematics(model, data)
+    base = data.body(robot.model.torso_link).xpos
+    _, elbow, wrist = (data.body(name).xpos - base for name in PLACES[robot.name])
+    return np.array(elbow), np.array(wrist)
+
+
+def test_generic_joints_move_the_arm_as_a_person_expects(robot: Robot) -> None:
+    """Initially the arm is raised, with its forearm forward. Roll raises it, pitch turns it to its inner
+    side, the elbow lowers the forearm."""
+    elbow, wrist = places(robot)
+    assert elbow[2] > 0.0
+    assert wrist[0] > elbow[0]
+    inward, _ = places(robot, shoulder_pitch=10.0)
+    assert inward[1] < elbow[1] - 1e-3
+    assert inward[2] == pytest.approx(elbow[2], abs=1e-6)
+    raised, _ = places(robot, shoulder_roll=-20.0)
+    assert raised[2] < elbow[2] - 1e-2
+    assert raised[0] > elbow[0] + 1e-2
+    still, bent = places(robot, elbow_pitch=10.0)
+    np.testing.assert_allclose(still, elbow, atol=1e-9)
+    assert bent[2] < wrist[2] - 1e-3
+
+
+def test_segments_are_as_long_as_the_data_sheet_says(robot: Robot) -> None:
+    lengths = [segment.length for segment in robot.part("left_arm").segments]
+    np.testing.assert_allclose(lengths, REACH[robot.name], atol=2e-3)
+
+
+def test_what_an_arm_lacks_is_told_and_the_rest_is_inside_its_limits(robot: Robot) -> None:
+    part, position = robot.part("left_arm"), initial_position(robot)
+    assert [servo.name for servo in part.servos if servo.servo is None] == LACKING[robot.name]
+    for servo in (robot.servos[one.servo] for one in part.servos if one.servo is not None):
+        assert servo.limits.lower + 0.05 < position[servo.index] < servo.limits.upper - 0.05
+        assert None not in servo.limits.model_dump(exclude={"assumed"}).values()
+
+
+def test_the_schema_accepts_the_description(robot: Robot) -> None:
+    etree.XMLSchema(etree.parse(str(schema_path()))).assertValid(read_element(Path(robot.source))[0])

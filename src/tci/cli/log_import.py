@@ -21,7 +21,8 @@ def import_(
         Path,
         typer.Argument(
             help="Log of yarpdatadumper (data.log or the folder of data.log), ROS bag, data set of LeRobot "
-            "(v3) or Open-X-Tactile (Zarr 2), or arrays (.npz, .mat, .csv)."
+            "(v3) or Open-X-Tactile (Zarr 2), episodes of Humanoid Everyday or xr_teleoperate, or arrays "
+            "(.npz, .mat, .csv)."
         ),
     ],
     out: NewRecording,
@@ -63,9 +64,12 @@ def import_(
     Example:  tci log import pressure.mat touches.mcap nao --map pressure.toml
 
     Example:  tci log import touch-set touch.mcap nao --episode 3
+
+    Example:  tci log import push_a_cart/episode_0 touch.mcap g1
     """
     from tci.cli.console import console, written
     from tci.datasets.open_x_tactile import import_oxt, is_oxt
+    from tci.datasets.teleoperation import import_teleoperation, is_teleoperation
     from tci.errors import RecordingError
     from tci.recording.arrays import SUFFIXES, import_arrays
     from tci.recording.contact_list import import_contact_list
@@ -78,6 +82,9 @@ def import_(
     fits: tuple[TableFit, ...] = ()
     if not log.exists():
         raise RecordingError(f"{log} does not exist; valid: a log, a bag or arrays")
+    if is_teleoperation(log):
+        _tell(import_teleoperation(log, out, episode, robot=words), out, as_json=as_json)
+        return
     if is_oxt(log):
         _tell(import_oxt(log, out, episode, robot=words), out, as_json=as_json)
         return

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tci.errors import DescriptionError
@@ -86,7 +87,9 @@ def test_eyes_are_read_and_written_and_belong_to_a_head(tmp_path: Path) -> None:
     eyes = robot.part("head").eyes
     assert eyes is not None
     assert (eyes.link, eyes.xyz) == ("Head", (0.05871, 0.0, 0.06364))
-    assert '<eyes link="Head" xyz="0.05871 0 0.06364"/>' in write_robot(robot, file="nao.mjcf.xml")
+    assert (eyes.fov, eyes.pitch) == pytest.approx(np.deg2rad([47.64, 1.2]))
+    written = '<eyes link="Head" xyz="0.05871 0 0.06364" fov="47.64" pitch="1.2"/>'
+    assert written in write_robot(robot, file="nao.mjcf.xml")
     path = nao_with(tmp_path, PALM)
     text = path.read_text(encoding="utf-8").replace(f"<cartesian_actuator {PALM}/>", '<eyes link="Hed"/>')
     path.write_text(text, encoding="utf-8")

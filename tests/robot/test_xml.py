@@ -110,7 +110,7 @@ def test_a_wrong_unit_is_one_fault_that_counts_its_consequences(tmp_path: Path) 
     for table in NAO.parent.glob("*.csv"):
         shutil.copy(table, tmp_path)
     (found,) = faults(tmp_path, nao().replace('angle_unit="deg"', 'angle_unit="rad"'))
-    assert "angle_unit of <generic_robot> is 'rad', in which 60 of 134 angles are implausible" in found
+    assert "angle_unit of <generic_robot> is 'rad', in which 61 of 136 angles are implausible" in found
     assert found.endswith('valid: angle_unit="deg"')
 
 

@@ -30,6 +30,8 @@ class TciRobotConfig(RobotConfig):
     """As `--dataset.fps`."""
     touches: list[str] = field(default_factory=list)
     """Touches of a simulated person, over and over."""
+    picture: list[int] = field(default_factory=list)
+    """Width and height of pictures of a simulated robot's head camera."""
     record: str = ""
     """File (.mcap) that keeps everything, also the raw frames of the skin."""
 
@@ -43,14 +45,15 @@ class TciRobot(Robot):
         self.config = config
         self.tci = NamedRobot(
             config.robot, config.via, arm=config.arm, parts=config.parts, observations=config.observations,
-            rate=config.fps, touches=config.touches, record=config.record,
+            rate=config.fps, touches=config.touches,
+            picture=(config.picture[0], config.picture[1]) if config.picture else None, record=config.record,
         )  # fmt: skip
-        self.cameras: dict[str, Any] = {}
+        self.cameras = self.tci.pictures  # LeRobot counts them
         MADE.add(self)
 
     @property
     def observation_features(self) -> dict[str, Any]:
-        return dict.fromkeys(self.tci.observed, float)
+        return dict.fromkeys(self.tci.observed, float) | self.tci.pictures
 
     @property
     def action_features(self) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from tci.body.retreat import Retreat
 from tci.errors import CommandError
-from tci.messages.frames import Array, apply, invert, read_only
+from tci.messages.frames import Array, apply, invert, read_only, rotation_rpy, transform
 from tci.robot.description import GenericPart, Robot
 from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import KinematicChain
@@ -19,6 +19,8 @@ PITCH, YAW = 0, 2
 """Generic joints of a head and of a torso."""
 FINE = 1e-3
 """Angle [rad] at which the gaze counts as on the point."""
+AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""Axes of eyes that look along x, in the torso frame: to the right, down, ahead."""
 STEPS = 12
 """Newton steps; from anywhere four or five are enough, unless a limit is in the way."""
 STRIDE = 0.6
@@ -71,12 +73,20 @@ class Gaze:
         self.part, self._free, self.level = _turns(robot, heads)
         """Name of the part that turns the gaze; empty if the robot has none. True if it turns only the
         bearing."""
-        self._link, self._xyz = _eyes(robot, heads, self._chain)
+        self._link, self._xyz, pitch = _eyes(robot, heads, self._chain)
         position = np.array(initial_position(robot))
         for part in heads:
             joints = joint_map(robot, part.name)
             position[joints.servos] = joints.to_robot(np.zeros(len(part.servos)), position)
-        self._forward = self._chain.poses(position, [self._link])[self._link][0, :3]
+        straight = self._chain.poses(position, [self._link])[self._link][:3, :3]
+        self._forward = straight[0]
+        self._T_LC = transform(straight.T @ rotation_rpy(0.0, pitch, 0.0) @ AHEAD, self._xyz)
+
+    def eyes(self, position: Array) -> Array:
+        """Pose `T_TC` (4, 4) of the eyes in the torso frame, with servo angles `position` (n_servos,) [rad].
+        Axes of C: x to the right, y down, z where the robot looks."""
+        pose: Array = self._chain.poses(position, [self._link])[self._link] @ self._T_LC
+        return pose
 
     def look(self, position: Array, point: Array) -> Look:
         """How to look at `point` (3,) [m] in the torso frame, which stays where it is in space, from servo
@@ -176,15 +186,15 @@ def _turns(robot: Robot, heads: list[GenericPart]) -> tuple[str, tuple[int, ...]
     return "", (), False
 
 
-def _eyes(robot: Robot, heads: list[GenericPart], chain: KinematicChain) -> tuple[str, Array]:
-    """Link and point (3,) [m] from which the robot looks. Where the description doesn't tell, it is the
-    origin of the last link that the head moves, or of the torso's."""
+def _eyes(robot: Robot, heads: list[GenericPart], chain: KinematicChain) -> tuple[str, Array, float]:
+    """Link and point (3,) [m] from which the robot looks, and the pitch [rad] of its camera. Where the
+    description doesn't tell, it is the origin of the last link that the head moves, or of the torso's."""
     for part in heads:
         if part.eyes is not None:
-            return part.eyes.link, np.array(part.eyes.xyz)
+            return part.eyes.link, np.array(part.eyes.xyz), part.eyes.pitch
     own = {servo for part in heads for servo in joint_map(robot, part.name).servos.tolist()}
     ends = [
         link for link in chain.links if own and own <= {*chain.chain(link)} and chain.chain(link)[-1] in own
     ]
     assert robot.model is not None
-    return (ends or [robot.model.torso_link])[0], np.zeros(3)
+    return (ends or [robot.model.torso_link])[0], np.zeros(3), 0.0

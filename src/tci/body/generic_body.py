@@ -298,6 +298,11 @@ class GenericBody:
         """
         return self._gaze.look(_joints(perception).position, np.asarray(point, np.float64))
 
+    def eyes(self, joints: JointReading) -> Array:
+        """Pose `T_TC` (4, 4) of the eyes, or of the camera between them, in the torso frame. Axes of C: x to
+        the right, y down, z where the robot looks."""
+        return read_only(self._gaze.eyes(joints.position))
+
     @property
     def turns_gaze(self) -> str:
         """Name of the part that `look_at` turns: a head, or the torso of a robot without a neck; empty if

@@ -18,6 +18,7 @@ from tci.drivers.driver import Driver
 from tci.drivers.registry import connect
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DriverError, TciError, UnknownNameError
+from tci.learn.head_camera import Sees, head_camera
 from tci.messages import ExpectContact, GenericCommand, Order, Perception
 from tci.messages.frames import Array, read_only
 from tci.recording.recorder import Recorder
@@ -91,6 +92,7 @@ class NamedRobot:
         observations: Iterable[str] = ("posture", "velocity", "contacts"),
         rate: float = 30.0,
         touches: Iterable[str | Touch] = (),
+        picture: tuple[int, int] | None = None,
         record: str = "",
         task: str = "",
         feel: Feel | None = None,
@@ -107,6 +109,8 @@ class NamedRobot:
             rate: Observations per second.
             touches: Touches of a simulated person, such as `"push 'left forearm' 5N 0.9s"`, one after the
                 other and over and over.
+            picture: Width and height [pixels] of pictures of a simulated robot's head camera; `observe` gives
+                them as `head`.
             record: File for a recording of everything, also of the raw frames of the skin.
             task: What the recording shows.
             feel: What an arm that is guided by hands feels like.
@@ -132,8 +136,10 @@ class NamedRobot:
             if name not in OBSERVED:
                 raise UnknownNameError("observation", name, OBSERVED)
         self.touches = tuple(parse_touch(one) if isinstance(one, str) else one for one in touches)
-        if self.touches and via != "sim":
-            raise TciError(f"touches over {via}; valid: over sim, where people are simulated")
+        for what, given in (("touches", self.touches), ("pictures", picture)):
+            if given and via != "sim":
+                raise TciError(f"{what} over {via}; valid: over sim, which simulates them")
+        self._size = picture
         self._joints = {
             name: [
                 (n, f"{name}.{servo.name}")
@@ -147,7 +153,9 @@ class NamedRobot:
         self.actions = tuple(f"{joint}.pos" for own in self._joints.values() for _, joint in own)
         """Names of the angles that `act` takes."""
         self.observed = tuple(name for part in self.parts for name, _, _ in self._places(part))
-        """Names of what `observe` gives."""
+        """Names of the numbers that `observe` gives."""
+        self.pictures = {} if picture is None else {"head": (picture[1], picture[0], 3)}
+        """Shapes of the pictures that it gives, by name."""
         self._limbs = {name: limb for name, limb in limbs_of(self.body).items() if not limb.soft}
         self._stepper: Stepper | None = None
 
@@ -205,6 +213,9 @@ class NamedRobot:
         self._people = None
         if self.touches and isinstance(driver, SimulatedDriver):
             self._people = _People(self.touches, driver)
+        self._picture: Sees | None = None
+        if self._size is not None and isinstance(driver, SimulatedDriver):
+            self._picture = head_camera(driver.world, self._size)
         self._seen: Perception | None = None
         self._before: Perception | None = None
         self._guided = dict[str, Guided]()
@@ -235,21 +246,26 @@ class NamedRobot:
     ) -> None:
         self.disconnect()
 
-    def observe(self) -> dict[str, float]:
-        """What is seen now, 1 / `rate` after the last call; waits for it. Angles are in rad, velocities in
-        rad/s, forces in N, areas in cm2. Raises the errors of `Stepper.observe`."""
+    def observe(self) -> dict[str, Any]:
+        """What is seen now, 1 / `rate` after the last call; waits for it: numbers, and pictures (height,
+        width, 3). Angles are in rad, velocities in rad/s, forces in N, areas in cm2.
+
+        Raises the errors of `Stepper.observe`.
+        """
         stepper = self._connected
         if self._people is not None:
             self._people.go_on()
         self._before, self._seen = self._seen, stepper.observe()
         now, before = self._seen, self._before or self._seen
-        values = dict[str, float]()
+        values = dict[str, Any]()
         for part in self.parts:
             posture = now.posture[part]
             elapsed = now.stamp - before.stamp
             view = View(now, self.body, part, posture, before.posture[part], elapsed)
             seen = {name: np.ravel(OBSERVATIONS[name].see(view)) for name in self.observations}
             values |= {name: float(seen[what][n]) for name, what, n in self._places(part)}
+        if self._picture is not None:
+            values["head"] = self._picture(stepper.driver.read())
         return values
 
     def _now(self) -> Perception:

@@ -20,6 +20,7 @@ from tci.capabilities.policy.observations import View
 from tci.capabilities.policy.spec import CLIP, PolicySpec, Seen
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError, UnknownNameError
+from tci.learn.head_camera import head_camera
 from tci.learn.task import PersonTouches, Scene, TouchTask, felt_part
 from tci.learn.tasks import TASKS
 from tci.messages import GenericCommand, Mode, Order, Perception, Reading, SwitchMode
@@ -59,10 +60,11 @@ class Camera(Protocol):
         ...
 
 
-class TouchEnv(gymnasium.Env[Vector, Vector]):
+class TouchEnv(gymnasium.Env[Any, Vector]):
     """One part of a robot that is touched, in the simulation.
 
-    The observation is what a policy of `policy` sees (history x k,), normalised, at most 10. The action (n,)
+    The observation is what a policy of `policy` sees (history x k,), normalised, at most 10; with `picture`
+    it is `{"state": this, "picture": (height, width, 3) uint8}`. The action (n,)
     is what such a policy gives, -1 to 1; larger ones are clipped. Joints that the robot lacks ignore theirs.
     The reward is the task's for each second, times the length of the step. `info` has its terms, `force`, the
     force [N] of finger, hands and obstacles on the robot, and `refused`, how many orders the gate refused.
@@ -83,6 +85,7 @@ class TouchEnv(gymnasium.Env[Vector, Vector]):
         rate: float = 100.0,
         step: float = 0.002,
         noise: float = 0.0,
+        picture: tuple[int, int] | None = None,
         render_mode: str | None = None,
         camera: str | Camera = CAMERA,
     ) -> None:
@@ -101,6 +104,8 @@ class TouchEnv(gymnasium.Env[Vector, Vector]):
                 frames no new touch can be felt.
             step: Step [s] of the physics.
             noise: Standard deviation [counts] of the skin's raw values, another noise in each episode.
+            picture: Width and height [pixels] of what the robot sees with the camera in its head. It is drawn
+                over EGL with the extra `camera`, and some hundred times slower without.
             render_mode: `rgb_array` for pictures from `render`.
             camera: Makes these pictures: a `Camera`, or its place as `module:name`, which is loaded when
                 pictures are asked for.
@@ -140,7 +145,12 @@ class TouchEnv(gymnasium.Env[Vector, Vector]):
         """What a policy that is trained here sees, and what its actions mean, for `write_policy`."""
         self.metadata = {**self.metadata, "render_fps": max(round(self.policy.rate), 1)}
         size = self.policy.history * len(self.policy.scale)
-        self.observation_space = spaces.Box(-CLIP, CLIP, (size,), np.float32)
+        state = spaces.Box(-CLIP, CLIP, (size,), np.float32)
+        self.observation_space: spaces.Space[Any] = state
+        self._sees = None if picture is None else head_camera(self.world, picture)
+        if picture is not None:
+            shown = spaces.Box(0, 255, (picture[1], picture[0], 3), np.uint8)
+            self.observation_space = spaces.Dict({"state": state, "picture": shown})
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.policy.joints),), np.float32)
 
     def _begin(self, seed: int) -> None:
@@ -164,7 +174,7 @@ class TouchEnv(gymnasium.Env[Vector, Vector]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Vector, dict[str, Any]]:
+    ) -> tuple[Any, dict[str, Any]]:
         """Starts an episode. Episodes with equal seeds are equal bit for bit. `options` is ignored."""
         super().reset(seed=seed)
         # a separate generator, so that the noise does not change the touch
@@ -175,7 +185,7 @@ class TouchEnv(gymnasium.Env[Vector, Vector]):
         terms = self.task.reward(self._view(0.0))
         return self._observe(), {**dict.fromkeys(terms, 0.0), "force": 0.0, "refused": 0}
 
-    def step(self, action: ArrayLike) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
+    def step(self, action: ArrayLike) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """One step with an action (n,). Raises TciError for one of another shape, or that is not finite."""
         given = np.asarray(action, np.float64)
         if given.shape != self.action_space.shape or not np.isfinite(given).all():
@@ -257,9 +267,12 @@ class TouchEnv(gymnasium.Env[Vector, Vector]):
     def _view(self, elapsed: float) -> View:
         return View(self._seen_now, self.body, self.part, self.home, self._before, elapsed, self.scene.goal)
 
-    def _observe(self) -> Vector:
+    def _observe(self) -> Any:
         self._seen = self.policy.see(
             self._seen_now, self.body, self.part, home=self.home, before=self._seen, goal=self.scene.goal,
             own=self.task.observations,
         )  # fmt: skip
-        return self._seen.history.ravel().astype(np.float32)
+        state = self._seen.history.ravel().astype(np.float32)
+        if self._sees is None:
+            return state
+        return {"state": state, "picture": self._sees(self.driver.read())}

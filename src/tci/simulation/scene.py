@@ -87,6 +87,11 @@ def build_scene(
             add_hand(spec, name, person, step=step, bit=bit)
         for obstacle in obstacles:
             add_obstacle(spec, obstacle, step=step)
+    if shown:
+        spec.add_texture(
+            name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+            rgb1=[0.85, 0.9, 0.95], rgb2=[0.6, 0.6, 0.58], width=64, height=64,
+        )  # fmt: skip
     if stands:
         _add_floor(spec, robot, surfaces, posture)
     return exclude_overlaps(spec, robot, posture)

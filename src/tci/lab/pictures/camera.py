@@ -35,6 +35,12 @@ class Camera:
         return float(self.height / (2.0 * np.tan(self.fov / 2.0)))
 
 
+def check_size(width: int, height: int) -> None:
+    """Raises TciError for a picture without pixels."""
+    if width < 1 or height < 1:
+        raise TciError(f"picture of {width} x {height} pixels; valid: at least 1 x 1")
+
+
 def look_at(
     point: ArrayLike,
     *,
@@ -59,8 +65,7 @@ def look_at(
         raise TciError(f"camera angle of view {fov} rad; valid: between 0 and pi")
     if not abs(elevation) < np.pi / 2:
         raise TciError(f"camera elevation {elevation} rad; valid: between -pi/2 and pi/2")
-    if width < 1 or height < 1:
-        raise TciError(f"picture of {width} x {height} pixels; valid: at least 1 x 1")
+    check_size(width, height)
     outward = np.array(
         [
             np.cos(elevation) * np.cos(azimuth),

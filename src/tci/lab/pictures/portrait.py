@@ -74,12 +74,14 @@ class Portrait:
         """Skin of the robot."""
         self._robot = world.robot
         self._worn = [patch for patch in world.robot.patches if patch.name in world.surfaces]
-        self._model = world.shown_model()
-        self._data = mujoco.MjData(self._model)
+        self.model = world.shown_model()
+        """The world's model with all that pictures need."""
+        self._data = mujoco.MjData(self.model)
         self._fields = tuple(fields)
         self._full_scale = full_scale
-        self._hands = _hands(world, self._model)
-        self._colours = _colours(world, self._model)
+        self._hands = _hands(world, self.model)
+        self.colours = _colours(world, self.model)
+        """Colours (ngeom, 4), 0 to 1, of its geoms."""
 
     def torso(self, moment: Moment) -> Array:
         """Returns `T_WT` (4, 4), the pose of the torso frame in the world."""
@@ -90,9 +92,7 @@ class Portrait:
 
     def draw(self, moment: Moment, camera: Camera) -> NDArray[np.uint8]:
         """Returns the picture (height, width, 3) of the world at `moment`, seen by `camera`."""
-        return render(
-            self._model, self._pose(moment), camera, paint=self._paint(moment), colours=self._colours
-        )
+        return render(self.model, self.pose(moment), camera, paint=self._paint(moment), colours=self.colours)
 
     def outline(self, moment: Moment, *, part: str, lowest: float) -> Array:
         """Returns the corners (n, 3) [m] of boxes around the robot's geoms, in the world frame. Arms other
@@ -100,7 +100,7 @@ class Portrait:
 
         Only corners at least as high as `lowest` [m] in the torso frame are included.
         """
-        model, data = self._model, self._pose(moment)
+        model, data = self.model, self.pose(moment)
         others = {
             self._robot.servos[servo.servo].joint
             for other in self._robot.parts
@@ -110,7 +110,7 @@ class Portrait:
         }
         left_out = [model.body(FINGER).id, *self._hands]
         left_out += [model.joint(joint).bodyid.item() for joint in others if joint is not None]
-        drawn = np.flatnonzero((self._colours[:, 3] > 0.0) & ~_below(model, left_out)[model.geom_bodyid])
+        drawn = np.flatnonzero((self.colours[:, 3] > 0.0) & ~_below(model, left_out)[model.geom_bodyid])
         signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
         boxes = model.geom_aabb[drawn]
         corners_G = boxes[:, None, :3] + signs * boxes[:, None, 3:]
@@ -119,16 +119,16 @@ class Portrait:
         points: Array = corners.reshape(-1, 3)
         return points[apply(invert(self.torso(moment)), points)[:, 2] >= lowest]
 
-    def _pose(self, moment: Moment) -> mujoco.MjData:
+    def pose(self, moment: Moment) -> mujoco.MjData:
         """Returns MuJoCo's data with the poses at a moment. The next call changes the returned object."""
         data, seen = self._data, moment.data
         data.qpos[:], data.mocap_pos[:], data.mocap_quat[:] = seen.qpos, seen.mocap_pos, seen.mocap_quat
-        for pad in np.flatnonzero(np.isin(self._model.body_parentid, self._hands)).tolist():
+        for pad in np.flatnonzero(np.isin(self.model.body_parentid, self._hands)).tolist():
             # The simulation turns pads in its own model; each slides along its z axis from there.
-            slid = seen.qpos[self._model.jnt_qposadr[self._model.body_jntadr[pad]]] * seen.xmat[pad, 2::3]
-            self._model.body_pos[pad] = seen.xpos[pad] - seen.xpos[self._model.body_parentid[pad]] - slid
-            self._model.body_quat[pad] = seen.xquat[pad]
-        mujoco.mj_kinematics(self._model, data)
+            slid = seen.qpos[self.model.jnt_qposadr[self.model.body_jntadr[pad]]] * seen.xmat[pad, 2::3]
+            self.model.body_pos[pad] = seen.xpos[pad] - seen.xpos[self.model.body_parentid[pad]] - slid
+            self.model.body_quat[pad] = seen.xquat[pad]
+        mujoco.mj_kinematics(self.model, data)
         return data
 
     def _paint(self, moment: Moment) -> list[Painter]:

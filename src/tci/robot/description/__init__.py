@@ -7,6 +7,7 @@ a joint of a generic part (GS). `scale` is gamma and `offset` is sigma.
 from tci.robot.description.base import Description, Vector
 from tci.robot.description.binding import Address, Binding, wire_name
 from tci.robot.description.part import (
+    FOV,
     USUAL_ACTUATORS,
     CartesianActuator,
     Eyes,
@@ -22,6 +23,7 @@ from tci.robot.description.sensor import THROUGH_JOINTS, Sensor
 from tci.robot.description.servo import Coupling, Limits, Mimic, Servo
 
 __all__ = [
+    "FOV",
     "SOLE",
     "THROUGH_JOINTS",
     "USUAL_ACTUATORS",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from math import acos, radians
 from typing import Literal
@@ -96,6 +97,10 @@ class Segment(Description):
     """Length [m] of the segment. The limb coordinate u is 1 at the segment's distal end."""
 
 
+FOV = math.radians(48.0)
+"""Angle of view [rad] where a description tells none: that of common cameras with 4:3 pictures. Assumed."""
+
+
 class Eyes(Description):
     """Where a head looks from. It looks along the torso frame's x axis when its generic angles are zero."""
 
@@ -103,6 +108,10 @@ class Eyes(Description):
     """Link of the kinematic model that carries the eyes or cameras."""
     xyz: Vector = (0.0, 0.0, 0.0)
     """Position (3,) [m] of the point between them, in the frame of `link`."""
+    fov: float = FOV
+    """Vertical angle of view [rad] of the camera."""
+    pitch: float = 0.0
+    """Angle [rad] by which the camera looks down from there."""
 
 
 class CartesianActuator(Description):

@@ -214,8 +214,11 @@ GENERIC_ROBOT_PART = Element(
         ),
         "eyes": Element(
             "Where a head looks from: the point `xyz` of a `link`, between its eyes or cameras. With all "
-            "angles of the head at zero it looks along the x axis of the torso frame.",
-            needs={"link": NAME}, may={"xyz": POINT}, describes=Eyes,
+            "angles of the head at zero it looks along the x axis of the torso frame. `fov` is the vertical "
+            "angle of view of the camera, `pitch` by how much it looks down from there.",
+            needs={"link": NAME},
+            may={"xyz": POINT, "fov": Angle(positive=True, most=math.radians(170.0)), "pitch": Angle()},
+            describes=Eyes,
         ),
         "generic_servo_number": Element("Number of `generic_servo` elements here.", text=Integer(1, 999)),
         "initial_positions": Element(

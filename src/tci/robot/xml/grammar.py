@@ -6,6 +6,7 @@ its attributes are taken from this type. So reader, writer, schema and reference
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import get_args
 

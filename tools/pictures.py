@@ -25,6 +25,7 @@ import generic_arm
 import gentle
 import numpy as np
 import teach
+import touch_show
 import touch_to_motion
 import touch_words
 import without_skin
@@ -190,6 +191,8 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "clamped": lambda _: clamped.picture(IMAGES / "clamped-person.png"),
     "generic_arm": lambda _: generic_arm.draw(IMAGES / "generic-arm.png"),
     "viewer": viewer,
+    "touch_show": lambda folder: touch_show.film(folder, IMAGES / "touch-show.gif"),
+    "touch_show_page": lambda folder: touch_show.page(folder, IMAGES / "touch-show.png"),
     "without_skin": lambda folder: without_skin.draw(IMAGES / "touch-without-skin.png"),
 }
 

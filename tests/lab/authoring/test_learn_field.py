@@ -110,6 +110,12 @@ def test_a_learnt_file_runs_and_grows(learnt: tuple[Path, dict[str, object]], tm
         ("left knee", "1", "left knee.*left forearm outside"),
         ("left elbow", "9", "touched at 9 s; valid: 0 to"),
         ("left elbow", "0.0", "no withdrawal; valid: 20 degrees or more"),
+        (
+            "left forearm inside",
+            "0.9",
+            r"towards whoever touches it, by \d+ % .* no withdrawal; valid: .*--at",
+        ),
+        ("left forearm front", "0.9", "towards whoever touches it"),
         ("left forearm outside", "0.9", "has a field forearm_outside; valid: another --name"),
     ],
 )

@@ -11,8 +11,9 @@ import numpy as np
 from tci.capabilities.fields import ReceptiveField, default_fields, load_fields
 from tci.errors import CommandError
 from tci.gestures.gesture import Gesture
+from tci.messages import LimbPlace
 from tci.messages.frames import Array
-from tci.robot.generic_arm import JOINTS, Side, upper_arm_rotation
+from tci.robot.generic_arm import JOINTS, Side, limb_direction, segment_rotation
 from tci.skin.contacts import Measure
 from tci.touches.places import limb_place_of
 
@@ -22,6 +23,9 @@ LASTS = 1.5
 STARTS, LEAST = 0.2, float(np.deg2rad(20.0))
 """Without a time of the touch, the withdrawal starts where the arm first has this fraction of its largest
 speed. A file whose arm moves less than `LEAST` [rad] in any joint shows no withdrawal."""
+TOWARDS = 0.1
+"""Part of the touched place's way that may lead out of the skin: it moved along the skin. Assumed: nobody
+captures directions better than by 6 degrees."""
 RADIUS = 0.25
 """Radius [limb lengths] of a learnt field: that of the default fields."""
 
@@ -47,7 +51,8 @@ def learn_field(gesture: Gesture, words: str, name: str, *, at: float | None = N
         name: Of the field.
         at: Time [s] of the touch; None for where the arm begins to move.
 
-    Raises CommandError for a place that is on no arm, a time outside the file, or an arm that does not move.
+    Raises CommandError for a place that is on no arm, a time outside the file, or an arm that does not move,
+    or moves towards the touch.
     """
     side, place = limb_place_of(words)
     angles = gesture.postures.get(f"{side}_arm")
@@ -70,6 +75,13 @@ def learn_field(gesture: Gesture, words: str, name: str, *, at: float | None = N
             f"{LASTS:g} s of {gesture.times[start]:.2f} s: no withdrawal; "
             f"valid: {np.rad2deg(LEAST):.0f} degrees or more"
         )
+    out, way = _way_out(angles[start], angles[end], side, place)
+    if out > TOWARDS * way:
+        raise CommandError(
+            f"{words!r} goes towards whoever touches it, by {50.0 * out:.0f} % of the arm's length from "
+            f"{gesture.times[start]:.2f} to {gesture.times[end]:.2f} s: no withdrawal; valid: a motion away "
+            "from the touch, so another --place or another time of the touch (--at)"
+        )
     learnt = default_fields()[0].model_copy(update={
         "name": name, "segment": place.segment, "u": place.u, "theta": place.theta, "radius": RADIUS,
         "motion": tuple(motion.tolist()),
@@ -84,10 +96,21 @@ def _start(times: Array, angles: Array) -> int:
 
 def _hand(posture: Array, side: Side) -> Array:
     """Hand (3,) relative to the shoulder, of an arm whose segments both have the length 1."""
-    R_TU = upper_arm_rotation(posture, side, axial=True)
-    elbow = posture[3]
-    hand: Array = R_TU @ np.array([np.sin(elbow), 0.0, -1.0 - np.cos(elbow)])
-    return hand
+    return _point(posture, side, "forearm", 1.0)
+
+
+def _point(posture: Array, side: Side, segment: str, u: float) -> Array:
+    """A place (3,) on the axis of the same arm."""
+    upper, fore = (segment_rotation(name, posture, side, axial=True) for name in ("upper_arm", "forearm"))
+    point: Array = -u * upper[:, 2] if segment == "upper_arm" else -upper[:, 2] - u * fore[:, 2]
+    return point
+
+
+def _way_out(before: Array, after: Array, side: Side, place: LimbPlace) -> tuple[float, float]:
+    """How far the touched place of the same arm goes along its outward normal, and its whole way."""
+    begin, end = (_point(one, side, place.segment, place.u) for one in (before, after))
+    normal = segment_rotation(place.segment, before, side) @ limb_direction(place.theta, side)
+    return float((end - begin) @ normal), float(np.linalg.norm(end - begin))
 
 
 def add_field(learnt: ReceptiveField, path: Path) -> int:

@@ -48,6 +48,7 @@ CASES = {
     "inverse": "parts:inverse",
     "touch": "touch:touch",
     "touch_hand": "touch:touch_hand",
+    "people": "touch:people",
     "worlds": "touch:worlds",
     "drivers": "wires:wires",
     "networks": "wires:networks",

@@ -26,6 +26,7 @@ from tci.messages.frames import Array
 from tci.robot.description import Robot
 from tci.robot.generic_arm import JOINTS, SEGMENTS
 from tci.simulation import scene
+from tci.simulation.hand_model import SIDES, PersonModel
 from tci.simulation.touch import skin_geom
 from tci.simulation.world import World
 from tci.skin.surfaces import Surface
@@ -243,6 +244,33 @@ def real_time_factor() -> list[Measured]:
         name = f"NAO with skin on both arms, reflex and gate every {1e3 * step:.0f} ms: real-time factor"
         rows.append(row(name, "real time", pairs, unit="x", least_ratio=least, note=note))
     return rows
+
+
+def people() -> list[Measured]:
+    """Measures the real-time factor of a world in which a person's hand presses a forearm, as a fraction of
+    that with the finger."""
+    rows = []
+    for name in ("nao", "g1", "talos"):
+        finger = pressed_by_finger(name)
+        for hands in (("right",), SIDES):
+            world = World(name, people=[PersonModel(hands=hands)])
+            world.touch("press 'left forearm' 3N 30s")
+            world.advance(1.0)
+            assert abs(world.person().right.force - 3.0) < 0.1
+            pairs = [(1.0 / step_time(world), 1.0 / step_time(finger)) for _ in range(ROUNDS)]
+            what = "a hand presses" if len(hands) == 1 else "a hand presses, another one waits"
+            what = f"{name}: {what}: steps per microsecond"
+            rows.append(row(what, "the finger presses", pairs, unit="1/us", least_ratio=0.7))
+    return rows
+
+
+def pressed_by_finger(name: str) -> World:
+    world = World(name)
+    patch = next(one.name for one in world.robot.patches if one.segment == "forearm")
+    world.finger.poke(patch, len(world.surfaces[patch].positions) // 2, speed=0.1, depth=0.00375)
+    world.advance(0.3)
+    assert world.finger.touching
+    return world
 
 
 def worlds() -> list[Measured]:

@@ -20,6 +20,7 @@ from tci.touches.laid import LaidTouches
 from tci.touches.planned_touch import PlannedTouch
 
 if TYPE_CHECKING:
+    from tci.simulation.hand_model import PersonModel
     from tci.simulation.world import World
 
 AFTER = 1.5
@@ -38,8 +39,8 @@ class Asked:
     planned: tuple[PlannedTouch, ...]
     shares: tuple[float, ...]
     """Fraction of each touch that falls on taxels."""
-    people: int
-    """Number of people that it takes."""
+    people: Sequence[PersonModel]
+    """Those whom it takes."""
 
     @property
     def end(self) -> float:
@@ -153,7 +154,7 @@ def ask(
     """
     if not words and file is None:
         return None
-    from tci.simulation.touching import people_needed
+    from tci.simulation.touching import people_for
     from tci.touches.events import kinds_beside, read_touches
     from tci.touches.kinds import KINDS
     from tci.touches.planned_touch import plan
@@ -163,4 +164,4 @@ def ask(
     planned = plan(body, [*read, *words], kinds=kinds, joints=joints)
     laid = LaidTouches(body, planned)
     shares = tuple(laid.share(number) for number in range(len(planned)))
-    return Asked(robot, planned, shares, people_needed(planned))
+    return Asked(robot, planned, shares, people_for(planned))

@@ -26,7 +26,7 @@ from tci.robot.like import RobotLike, as_robot
 from tci.runtime.moment import Tick
 from tci.runtime.stepper import Stepper
 from tci.simulation.hand_path import APPROACH
-from tci.simulation.touching import people_needed
+from tci.simulation.touching import people_for
 from tci.touches.person import Person
 from tci.touches.planned_touch import plan
 from tci.touches.touch import Touch, parse_touch
@@ -196,7 +196,7 @@ class NamedRobot:
             raise DriverError(f"{self.robot.name} is connected already; valid: disconnect() first")
         options: dict[str, Any] = {}
         if self.touches:
-            options["people"] = max(people_needed(plan(self.body, one)) for one in self.touches)
+            options["people"] = len(people_for(*(plan(self.body, one) for one in self.touches)))
         driver = connect(self.robot, self.via, arm=self._arm, **options)
         self._recorder: Recorder | None = None
         try:

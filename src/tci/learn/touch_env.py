@@ -27,7 +27,7 @@ from tci.messages import GenericCommand, Mode, Order, Perception, Reading, Switc
 from tci.messages.frames import read_only
 from tci.robot.like import RobotLike, as_robot
 from tci.runtime.control import Control
-from tci.simulation.touching import people_needed
+from tci.simulation.touching import people_for
 from tci.simulation.world import World
 from tci.support.installed import needs
 from tci.touches.planned_touch import plan
@@ -135,7 +135,7 @@ class TouchEnv(gymnasium.Env[Any, Vector]):
         given = PersonTouches.of(touches)
         self._touch = given if given.touches else task.touch
         known = self._touch.touches if isinstance(self._touch, PersonTouches) else ()
-        people = max((people_needed(plan(self.body, one)) for one in known), default=0)
+        people = len(people_for(*(plan(self.body, one) for one in known)))
         self._rate = rate
         self.world = World(
             self.robot, step=step, noise=noise, period=1.0 / rate, people=people, obstacles=task.obstacles

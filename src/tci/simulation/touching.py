@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from tci.robot.description import Robot
+from tci.simulation.hand_model import SIDES, PersonModel
 from tci.simulation.hand_path import APPROACH, HandPath
 from tci.touches.planned_touch import PlannedTouch
 
@@ -35,8 +36,22 @@ def hands_of(planned: Sequence[PlannedTouch]) -> list[tuple[int, PlannedTouch]]:
     return found
 
 
-def people_needed(planned: Sequence[PlannedTouch]) -> int:
-    return max((1 + number // 2 for number, _ in hands_of(planned)), default=0)
+def people_for(*sequences: Sequence[PlannedTouch]) -> list[PersonModel]:
+    """Those whom a world needs for any of these sequences, with the hands that they use: a hand that only
+    waits makes the simulation slower, too."""
+    used = {
+        number ^ helps
+        for planned in sequences
+        for number, one in hands_of(planned)
+        for helps in ((0, 1) if one.touch.hand == "both" else (0,))
+    }
+    return [
+        PersonModel(
+            name=f"person{person + 1}",
+            hands=[side for k, side in enumerate(SIDES) if 2 * person + k in used] or SIDES,
+        )
+        for person in range(1 + max(used) // 2 if used else 0)
+    ]
 
 
 def paths_of(robot: Robot, one: PlannedTouch) -> list[HandPath]:

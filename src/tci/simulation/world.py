@@ -31,7 +31,7 @@ from tci.simulation.scene import build_scene
 from tci.simulation.servos import Servos
 from tci.simulation.taxels import Taxels
 from tci.simulation.touch import ContactTruth, Meeting, contact_truth, meetings
-from tci.simulation.touching import hands_of, paths_of, people_needed
+from tci.simulation.touching import hands_of, paths_of, people_for
 from tci.skin.surfaces import Surface, surfaces_of
 from tci.support.engine import mujoco
 from tci.touches.kinds import Kind
@@ -183,7 +183,7 @@ class World:
     def touch_as_planned(self, planned: Sequence[PlannedTouch]) -> float:
         """Has the people do touches that are planned already. Returns the time [s] of this world from which
         their onsets count. Raises the errors of `touch`."""
-        needed = people_needed(planned)
+        needed = len(people_for(planned))
         if needed > len(self._people):
             raise CommandError(
                 f"these touches need {needed} people at once, this world has {len(self._people)}; valid: "

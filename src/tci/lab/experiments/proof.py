@@ -26,7 +26,7 @@ from tci.lab.experiments.trial_places import sleeves
 from tci.lab.experiments.verdict import Axes, Verdict, judge
 from tci.robot.description import Robot
 from tci.runtime.loop import Tick, run
-from tci.simulation.touching import people_needed
+from tci.simulation.touching import people_for
 from tci.simulation.world import World
 from tci.touches.laid import LaidTouches
 from tci.touches.planned_touch import PlannedTouch
@@ -145,7 +145,7 @@ def prove(
 def touch_trials(robot: Robot, planned: Sequence[PlannedTouch]) -> tuple[list[TouchTrial], list[str]]:
     """Has people touch a robot whose reflex answers, and says what was felt and what was wrong: limits that a
     command broke, a stop, a touch without room for the hand, a touch of taxels that was not felt."""
-    world = World(robot, people=people_needed(planned))
+    world = World(robot, people=people_for(planned))
     zero = world.touch_as_planned(planned)
     arms = all(robot.part(robot.patch(one.patch).part).kind == "arm" for one in planned)
     reflex: Capability[Any] = WithdrawalReflex() if arms else BodyWithdrawal(stance="supported")

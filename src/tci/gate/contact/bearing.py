@@ -24,6 +24,8 @@ SHARE = 0.2
 robots of rigid bodies with wrong masses came to a tenth of what counts."""
 MOMENT = 0.15
 """Length [s] of the moment: a weight's lever changes little meanwhile."""
+ONSET = 0.1
+"""Time [s] within which a contact that is noticed now began: torques of later tell of it already."""
 EVEN = 1e-4
 """Change [rad/s] of a velocity reference in one period that is none."""
 
@@ -57,8 +59,9 @@ class Bearing:
 
     @property
     def before(self) -> Array | None:
-        """Torques (n_servos,) [N m] a moment ago; None if joints accelerated since."""
-        return self._torques[0][1] if self._torques else None
+        """Torques (n_servos,) [N m] before a contact that is noticed now; None if joints accelerated then."""
+        torques = self._torques
+        return torques[0][1] if torques and torques[-1][0] - torques[0][0] > ONSET else None
 
     def beyond(self, torque: Array | None, before: Array | None) -> Array:
         """By how much `torque` (n_servos,) is away from `before`, as multiples of what comes from outside; 0
@@ -76,6 +79,6 @@ class Bearing:
             self._torques.append((joints.stamp, joints.torque))
             while joints.stamp - self._torques[0][0] > MOMENT:
                 self._torques.popleft()
-        found = self.beyond(joints.torque, self.before)
+        found = self.beyond(joints.torque, self._torques[0][1] if self._torques else None)
         found[self._asked] = 0.0  # somebody asks for these torques
         return found

@@ -24,6 +24,8 @@ EARLIER = 0.15
 """Time [s] by which the way back ends before the contact was seen: by then the joint was not held yet."""
 SOONER = 0.05
 """The same [s] if a joint bears more: it does within a few readings of the contact."""
+SIGN = 0.2
+"""Fraction of the torque that counts from which on its sign tells where somebody is: more than noise."""
 TWICE = 2
 """Successive readings that must show it: a single one may be late."""
 
@@ -56,6 +58,16 @@ class Seen(NamedTuple):
     bears: Array
     """Torque (k,) that each bears more than a moment ago, or than before the contact, as a multiple of what
     comes from outside."""
+
+    @property
+    def push(self) -> Array:
+        """Where its joints push whom it meets (k,), as `bears`; as they move if torques tell nothing yet."""
+        if (np.abs(self.bears) > SIGN).any():
+            return self.bears
+        whole = np.zeros(len(self.joints.position))
+        whole[self.reference.servos] = self.reference.velocity
+        found: Array = whole[self.servos] / max(float(np.abs(whole[self.servos]).max()), 1e-9)
+        return found
 
     @property
     def worst(self) -> int:

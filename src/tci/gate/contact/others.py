@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from tci.gate.contact.noticing import TWICE, Seen
+import numpy as np
+
+from tci.gate.contact.noticing import SIGN, TWICE, Seen
 from tci.messages.frames import Array
 
 FELT_LATE = 0.2
@@ -34,6 +36,8 @@ class First:
         self._contacts, self._begun = contacts, now
         self._there, self._pull = seen.here, seen.pull
         self._pressed = seen.pull != 0.0
+        # what only torques tell of does not bend a joint yet
+        self._bore = np.where(np.abs(seen.bears) > SIGN, seen.bears, 0.0)
         self._away = away
         self.steps = 0 if away is None else STEPS
         """How often it may still go towards whom it met before."""
@@ -53,7 +57,8 @@ class First:
         # not while it brakes
         ahead = goes * side[seen.worst] > 0.0 and goes * float(way[0]) > 0.0
         self._pressed &= seen.pull * self._pull > 0.0
-        ahead = ahead and not self._pressed[mine].any()
+        self._bore[seen.pull * self._bore < 0.0] = 0.0
+        ahead = ahead and not (self._pressed | (self._bore != 0.0))[mine].any()
         self._behind = self._behind + 1 if ahead and seen.error > max(held, seen.excused) else 0
         if not self._contacts and now - self._begun < FELT_LATE:
             self._contacts = seen.felt.of(())

@@ -22,7 +22,7 @@ from tci.errors import UnknownNameError
 from tci.gate.contact.bearing import Bearing
 from tci.gate.contact.felt import Felt, FeltForces
 from tci.gate.contact.following import CLEAR, PROGRESS, Following
-from tci.gate.contact.noticing import EARLIER, Noticing, Seen, bounds
+from tci.gate.contact.noticing import EARLIER, SIGN, Noticing, Seen, bounds
 from tci.gate.contact.others import First
 from tci.gate.contact.path import Path
 from tci.gate.contact.settings import ContactSettings
@@ -75,8 +75,8 @@ class _Group:
     sag: Sag = field(default_factory=Sag)
     before: Array | None = None
     """Torques (n_servos,) [N m] before the contact."""
-    bore: Array = field(default_factory=lambda: np.zeros(0))
-    """What its joints bore more when it was noticed (k,), as `Seen.bears`."""
+    push: Array = field(default_factory=lambda: np.zeros(0))
+    """Where its joints pushed whom they met (k,), see `Seen.push`."""
     first: First | None = None
     """Whom it met; None without a reaction."""
     goal: Array | None = None
@@ -115,9 +115,6 @@ class _Group:
         return goal
 
 
-OPPOSITE = -0.2
-"""Product of what joints bear now and what they bore when somebody was met, both as multiples of what comes
-from outside, below which somebody else is pressed: a fifth of it is more than noise."""
 DOES = {"retreat": "goes back", "soft": "gives way", "stop": "stops"}
 
 
@@ -322,7 +319,7 @@ class ContactReaction:
                 moves=self._moves(group),
             )  # fmt: skip
             return goal, None
-        group.sag, group.before, group.bore = Sag(), self._bearing.before, seen.bears
+        group.sag, group.before, group.push = Sag(), self._bearing.before, seen.push
         if group.answer == "retreat" or group.slow:
             goal = self._back(group, seen, before, pulled=pulled)
         elif group.answer == "soft":
@@ -395,7 +392,7 @@ class ContactReaction:
         # a joint that nobody commands may have been moved on purpose: it is a reason to go on, not to wait
         bent = (bool(group.path) or group.first.steps > 0) and seen.bent > settings.held
         pressed = bool((np.abs(seen.bears) > 1.0).any())
-        behind = pressed and group.first.may_turn and float(np.dot(seen.bears, group.bore)) < OPPOSITE
+        behind = pressed and group.first.may_turn and float(np.dot(seen.bears, group.push)) < -SIGN
         pressed = behind or (pressed and bool(group.path))
         if held or bent or pressed or seen.felt.force > LIGHT:
             group.free = None
@@ -404,15 +401,16 @@ class ContactReaction:
             if group.answer == "retreat" or group.slow:
                 if bent and not held and group.first.bends_more(seen, settings.held):
                     return self._leave(group, seen)
-                if behind and not held:
+                if behind:
                     leaves = group.first.steps > 0
                     return group.goes(group.first.room(here)) if leaves else self._leave(group, seen)
                 if group.path:
                     return group.goes(self._back(group, seen, np.inf, pulled=held))
                 if bent and not held:
                     return group.goes(group.first.room(here))
-            # nowhere to go: the reference goes where the joint is
-            return None if np.array_equal(here, group.goal) else group.goes(here)
+            # nowhere to go: the reference goes where the joint is, and as far again if no weight bent it so
+            goal = here - np.where(np.abs(seen.pull) > seen.weights, seen.pull, 0.0)
+            return None if np.array_equal(goal, group.goal) else group.goes(goal)
         self._release(group)
         return None
 

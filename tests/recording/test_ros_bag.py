@@ -268,3 +268,10 @@ def test_angles_that_no_robot_measures_are_doubted(tmp_path: Path) -> None:
     dead = at_rest() | {"LHand": np.nan}
     printed = tci("log", "import", str(small_bag(tmp_path / "nan", dead)), str(tmp_path / "b.mcap"), "nao")
     assert "LHand is not a number in all 5 joint states" in printed
+    names = [servo.name for servo in load_robot("nao").servos]
+    for tick in Recording(tmp_path / "b.mcap").ticks():
+        angles = dict(zip(names, tick.reading.joints.position, strict=True))
+        assert np.isfinite(angles.pop("LHand"))
+        assert angles == {name: angle for name, angle in at_rest().items() if name != "LHand"}
+    ran = tci("run", "withdrawal", "nao", "--via", f"replay:{tmp_path / 'b.mcap'}", "--json")
+    assert json.loads(ran)["state"] == "run"

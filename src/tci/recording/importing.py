@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
 from tci.errors import FrameError, RecordingError
 from tci.messages import JointReading, Reading, SkinFrame
-from tci.messages.frames import Array
+from tci.messages.frames import Array, read_only
 from tci.recording.recorder import Recorder
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
@@ -71,8 +71,8 @@ class Plausibility:
         ):
             if missing == self._count:
                 found.append(
-                    f"{servo.name} is not a number in all {self._count} joint states, so that a behaviour "
-                    "holds; valid: a description without this joint"
+                    f"{servo.name} is not a number in all {self._count} joint states: in the recording it "
+                    "rests at the initial posture"
                 )
                 continue
             if missing:
@@ -85,6 +85,28 @@ class Plausibility:
                 degrees = "; degrees? valid: radians" if abs(worst) > np.pi else ""
                 found.append(f"{servo.name} {worst:.1f} rad; {limits}{degrees}")
         return tuple(found)
+
+
+class Unmeasured:
+    """Lets joints that were never measured rest at the initial posture, so that they stop nothing but
+    themselves: the gate holds the whole robot for an angle that is not a number."""
+
+    def __init__(self, robot: Robot, first: Sequence[Reading]) -> None:
+        """`first` are the readings at the start: what is no number in all of them counts as never measured,
+        until it is."""
+        self._rest = initial_position(robot)
+        self._dead = np.isnan([reading.joints.position for reading in first]).all(axis=0)
+
+    def mend(self, reading: Reading) -> Reading:
+        joints = reading.joints
+        self._dead &= np.isnan(joints.position)
+        if not self._dead.any():
+            return reading
+        velocity = np.where(self._dead, 0.0, joints.velocity)
+        torque = None if joints.torque is None else read_only(np.where(self._dead, 0.0, joints.torque))
+        position = read_only(np.where(self._dead, self._rest, joints.position))
+        mended = replace(joints, position=position, velocity=read_only(velocity), torque=torque)
+        return Reading(mended, reading.skin)
 
 
 class Importer:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tci.errors import FrameError, RecordingError
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.messages.frames import read_only
-from tci.recording.importing import FIRST, Imported, Plausibility, check_size, importing
+from tci.recording.importing import FIRST, Imported, Plausibility, Unmeasured, check_size, importing
 from tci.recording.names import servo_names
 from tci.recording.schemas import CLOUD, JOINTS, SKIN, raw_of_cloud, to_frame
 from tci.robot.description import Robot
@@ -54,11 +54,11 @@ def import_ros_bag(bag: Path, out: Path, robot: Robot) -> Imported:
         servos = ", ".join(servo_names(robot)[:4])
         raise RecordingError(f"{bag} has no {JOINTS.name} of all servos of {robot.name}: {servos}, ...")
     period = float(np.median(np.diff([reading.joints.stamp for reading in first]))) if len(first) > 1 else 0.0
-    source = f"ROS bag {bag.name}"
+    source, unmeasured = f"ROS bag {bag.name}", Unmeasured(robot, first)
     with importing(out, robot, middleware="ros2", source=source, period=period) as importer:
         for reading in chain(first, readings):
             angles.see(reading.joints.position)
-            importer.write(reading)
+            importer.write(unmeasured.mend(reading))
     return Imported(importer.recorder.ticks, angles.doubts(), left_out)
 
 

@@ -229,31 +229,35 @@ class _Rows:
             for p, name in enumerate(patch.name for patch in robot.patches)
             if name in data.surfaces
         }
-        self._sent: NDArray[np.float64] | None = None
+        self._sent: NDArray[np.float64] = np.empty(0)
         self._asked: dict[str, NDArray[np.float64]] = {}
         self._seen: dict[str, SkinFrame] = {}
 
     def blocks(self, episode: Episode) -> Iterator[Columns]:
         clock = _Clock(episode.recording.path, self._data.fps)
-        block, row, last = self._empty(min(BLOCK, episode.frames)), 0, dict[str, NDArray[Any]]()
+        block, row = self._empty(min(BLOCK, episode.frames)), 0
+        last: Perceived | None = None
         arrived: dict[str, list[SkinFrame]] = {name: [] for name in self._patches}
-        begun, period = 0, None
+        begun = 0
         for period in perceive(episode.recording, self._data.robot):
             at = clock.row(to_nanoseconds(period.now))
-            while at > row:  # the frames before this period are complete
-                self._put(block, row - begun, last, arrived)
-                row += 1
-                if row - begun == len(block[STATE]):
-                    yield block
-                    begun, block = row, self._empty(min(BLOCK, episode.frames - row))
-            last = self._values(period)
+            if last is not None and at > row:  # the frames before this period are complete
+                values = self._values(last)
+                while at > row:
+                    self._put(block, row - begun, values, arrived)
+                    row += 1
+                    if row - begun == len(block[STATE]):
+                        yield block
+                        begun, block = row, self._empty(min(BLOCK, episode.frames - row))
+            self._follow(period)
+            last = period
             for frame in period.reading.skin:
                 if frame.patch in arrived and self._seen.get(frame.patch) is not frame:
                     arrived[frame.patch].append(frame)
                 self._seen[frame.patch] = frame
-        if period is None:
+        if last is None:
             raise RecordingError(f"{episode.recording.path}: no period fits the robot")
-        self._put(block, row - begun, last, arrived)
+        self._put(block, row - begun, self._values(last), arrived)
         yield {name: values[: row - begun + 1] for name, values in block.items()}
 
     def _empty(self, rows: int) -> Columns:
@@ -276,16 +280,26 @@ class _Rows:
                 block[f"{STAMPS}.{patch}"][row, slot] = to_nanoseconds(frame.stamp)
             frames.clear()
 
-    def _values(self, period: Perceived) -> Columns:
-        joints, seen = period.reading.joints, period.perception
-        sent = self._angles(period)
-        state = self._flat(seen.posture)
-        action = self._posture(joints, sent)
+    def _follow(self, period: Perceived) -> None:
+        """Remembers what was sent and asked for."""
+        count = len(period.reading.joints.position)
+        if len(self._sent) != count:
+            self._sent = np.full(count, np.nan)
+        if period.decision is not None:
+            servos, modes = period.decision["servos"], period.decision["modes"]
+            angular = (modes == POSITIONS[0]) | (modes == POSITIONS[1])
+            self._sent[servos] = np.where(angular, period.decision["position"], np.nan)
         for order in period.commands:
             if order["kind"] == "GenericCommand" and order["mode"] in ("position", "impedance"):
                 self._asked[order["part"]] = order["values"]
             elif order["part"] in self._asked and order["kind"] != "SwitchMode":
                 del self._asked[order["part"]]
+
+    def _values(self, period: Perceived) -> Columns:
+        joints, seen = period.reading.joints, period.perception
+        state = self._flat(seen.posture)
+        # the measured angles where none are sent
+        action = self._posture(joints, np.where(np.isfinite(self._sent), self._sent, joints.position))
         wanted = {name: values.copy() for name, values in action.items()}
         for part, values in self._asked.items():
             if part in wanted and len(values) == len(wanted[part]):
@@ -301,16 +315,6 @@ class _Rows:
         if forces:
             found[FORCES] = np.concatenate(forces)
         return found
-
-    def _angles(self, period: Perceived) -> NDArray[np.float64]:
-        """Angles that were sent to the servos; the measured ones where none are sent."""
-        measured = period.reading.joints.position
-        if self._sent is None or len(self._sent) != len(measured):
-            self._sent = np.full(len(measured), np.nan)
-        if period.decision is not None:
-            servos, modes = period.decision["servos"], period.decision["modes"]
-            self._sent[servos] = np.where(np.isin(modes, POSITIONS), period.decision["position"], np.nan)
-        return np.where(np.isfinite(self._sent), self._sent, measured)
 
     def _posture(self, joints: JointReading, angles: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         try:

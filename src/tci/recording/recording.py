@@ -346,6 +346,9 @@ class _Records(StreamReader):
             raise EndOfFile
         if opcode == Opcode.CHUNK and length == OPEN:
             raise _Unfinished(self._stream.read(length))
+        if opcode == Opcode.MESSAGE_INDEX:  # everything is read in its order
+            self._stream.read(length)
+            return None
         return super()._read_record(opcode, length)
 
 

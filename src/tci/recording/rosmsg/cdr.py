@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -107,6 +108,7 @@ def _fields(
             out += np.asarray(value, dtype=DTYPES[item]).tobytes()
 
 
+@lru_cache(maxsize=1024)
 def item_of(type_: str) -> tuple[str, int | None]:
     """Splits a field's type, such as `float64[9]`, into the type of one item and the number of items.
 
@@ -136,6 +138,8 @@ def _read(read: _Reader, kind: MessageType, fields: tuple[tuple[str, str], ...])
             found[name] = _take(read, kind, item)
         elif item in NUMBERS:
             found[name] = read.numbers(item, many)
+        elif item == "string" and not many:
+            found[name] = read.texts(name)
         else:
             count = many or read.count(4 if item == "string" else 1)
             found[name] = [_take(read, kind, item) for _ in range(count)]
@@ -165,6 +169,10 @@ def _put(out: bytearray, kind: MessageType, item: str, value: Any) -> None:
     out += text
 
 
+_BEFORE: dict[tuple[str, str], tuple[bytes, list[str]]] = {}
+"""Bytes and texts of the sequence that was read last, by the name of the message and of its field."""
+
+
 class _Reader:
     """Reads the bytes of one message from front to back."""
 
@@ -179,7 +187,15 @@ class _Reader:
         return self._data[begin : self._at]
 
     def number(self, item: str) -> Any:
-        return STRUCTS[item].unpack(self._take(SIZES[item], SIZES[item]))[0]
+        form = STRUCTS[item]
+        begin = self._at + -self._at % form.size
+        try:
+            [value] = form.unpack_from(self._data, begin)
+        except struct.error:
+            left = max(0, len(self._data) - begin)
+            raise RecordingError(f"{self._name}: {form.size} bytes declared, {left} there") from None
+        self._at = begin + form.size
+        return value
 
     def count(self, least: int) -> int:
         """Reads the number of items of the sequence that follows in the message. Raises RecordingError if too
@@ -192,6 +208,18 @@ class _Reader:
     def text(self) -> str:
         raw = bytes(self._take(self.count(1)))
         return raw.removesuffix(b"\0").decode("utf-8", "surrogateescape")
+
+    def texts(self, field: str) -> list[str]:
+        """Reads a sequence of texts. Most messages of a kind repeat it, such as the names of joints, so the
+        bytes are compared with those of the message before."""
+        begin = self._at + -self._at % 4
+        raw, known = _BEFORE.get((self._name, field), (b"", []))
+        if raw and self._data[begin : begin + len(raw)] == raw:
+            self._at = begin + len(raw)
+            return [*known]
+        found = [self.text() for _ in range(self.count(4))]
+        _BEFORE[self._name, field] = bytes(self._data[begin : self._at]), [*found]
+        return found
 
     def numbers(self, item: str, many: int = 0) -> Any:
         """Reads numbers of the type `item`, for example `float64`. `many` is their number; with 0, the number

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import subprocess
 import sys
 import time
@@ -59,7 +60,10 @@ class Untouched:
         self.limits: dict[str, tuple[float, float, float, float]] = {}
         """Lower and upper limit [rad], torque and speed limit of each joint; infinite if unknown."""
         if file.suffix.lower() == ".urdf":
-            self._pin = pinocchio.buildModelFromUrdf(str(file))
+            text = file.read_text(encoding="utf-8")
+            for name in ("effort", "velocity"):  # Pinocchio refuses a joint that leaves these out
+                text = re.sub(rf"<limit (?![^>]*{name})", f'<limit {name}="0" ', text)
+            self._pin = pinocchio.buildModelFromXML(text)
             self._pin_data = self._pin.createData()
             self.mass = float(sum(one.mass for one in self._pin.inertias))
             for index, name in enumerate(self._pin.names[1:], 1):
@@ -114,9 +118,7 @@ class Untouched:
 
 def differences(line: dict[str, Any], robot: Robot, file: Path) -> Iterator[str]:
     """Yields what differs between a description, the line written by hand and the untouched file."""
-    model, own = Untouched(file), robot.model
-    assert own is not None
-    chain, rng = KinematicChain(robot), np.random.default_rng(SEED)
+    model = Untouched(file)
     for side, sign in zip(("left", "right"), line["elbow"], strict=True):
         part = robot.part(f"{side}_arm")
         joints = ["" if one.servo is None else str(robot.servos[one.servo].joint) for one in part.servos]
@@ -131,13 +133,18 @@ def differences(line: dict[str, Any], robot: Robot, file: Path) -> Iterator[str]
         moved = bent[1] - bent[0]
         if np.sign(moved) != sign:
             yield f"{part.name}: the elbow bends with {moved:+.2f}; by hand {sign:+d}"
+    moved = [name for side in ("left", "right") for name in line[side] if name]
+    yield from same_as_file(robot, model, moved, line["mass"])
+
+
+def same_as_file(robot: Robot, model: Untouched, joints: Sequence[str], by_hand: float) -> Iterator[str]:
+    """Yields what differs between a description and the untouched file: poses of the links that `joints`
+    move, limits, and the mass, also from that `by_hand` [kg]."""
+    own = robot.model
+    assert own is not None
+    chain, rng = KinematicChain(robot), np.random.default_rng(SEED)
     bare = compiled(load_spec(own), own)
-    links = [
-        bare.body(int(bare.joint(name).bodyid[0])).name
-        for side in ("left", "right")
-        for name in line[side]
-        if name
-    ]
+    links = [bare.body(int(bare.joint(name).bodyid[0])).name for name in joints]
     low = np.array(
         [-1.0 if one.limits.lower is None else max(one.limits.lower, -3.0) for one in robot.servos]
     )
@@ -161,7 +168,7 @@ def differences(line: dict[str, Any], robot: Robot, file: Path) -> Iterator[str]
         if servo.joint in model.limits:
             yield from _limits(servo, model.limits[servo.joint])
     mass = float(bare.body_mass.sum())
-    for other, whose in ((model.mass, "of the file"), (line["mass"], "by hand")):
+    for other, whose in ((model.mass, "of the file"), (by_hand, "by hand")):
         if abs(mass - other) > MASS * other:
             yield f"mass {mass:.3f} kg; {whose} {other:.3f} kg"
 
@@ -181,7 +188,7 @@ def _limits(servo: Any, limits: tuple[float, float, float, float]) -> Iterator[s
             yield f"{servo.joint}: {name} limit {mine:.4f}; of the file {theirs:.4f}"
 
 
-def _tci(*words: str, limit: float = 600.0) -> tuple[Any, str]:
+def tci(*words: str, limit: float = 600.0) -> tuple[Any, str]:
     """Returns the JSON of a command, or None with its error."""
     try:
         done = subprocess.run(
@@ -201,19 +208,23 @@ def _tci(*words: str, limit: float = 600.0) -> tuple[Any, str]:
 
 
 def _proposed(line: dict[str, Any], file: Path, target: Path) -> tuple[Any, list[str], list[str]]:
-    """Runs new-robot, and once more for each option that a refusal names. Returns its output, the options
-    and the refusals."""
-    options: list[str] = []
-    refusals: list[str] = []
     advice = {
         "--without-meshes": ["--without-meshes"],
         "--arms": ["--arms", f"{line['left'][0]},{line['right'][0]}"],
         "--elbow": ["--elbow", str(line["elbow"][0])],
         "--fingers none": ["--fingers", "none"],
     }
+    words = ["new-robot", str(file), "--name", line["name"], "--out", str(target), "--force"]
+    return advised(words, advice)
+
+
+def advised(words: Sequence[str], advice: dict[str, list[str]]) -> tuple[Any, list[str], list[str]]:
+    """Runs new-robot as `words` say, and once more for each option of `advice` that a refusal names. Returns
+    its output, the options and the refusals."""
+    options: list[str] = []
+    refusals: list[str] = []
     while True:
-        words = ["new-robot", str(file), "--name", line["name"], "--out", str(target), "--force", *options]
-        told, error = _tci(*words)
+        told, error = tci(*words, *options)
         if told is not None:
             return told, options, refusals
         refusals.append(" ".join(error.split()))
@@ -242,18 +253,18 @@ def try_one(line: dict[str, Any], folder: Path, *, quick: bool) -> dict[str, Any
         result["simulated"], result["five_lines"], result["ran"] = None, "", None
         commands = [("check", ["check"]), ("simulated", ["check", "--simulate"])]
         for name, words in commands[: 1 if quick else 2]:
-            checked, error = _tci(*words, str(target))
+            checked, error = tci(*words, str(target))
             faults = [error] if checked is None else checked["faults"]
             result[name] = {"faults": faults, "doubts": [] if checked is None else checked["doubts"]}
         if not quick:
             if not lacks(WithdrawalReflex(), robot):
-                result["five_lines"], result["ran"] = _five_lines(robot, target)
+                result["five_lines"], result["ran"] = five_lines(robot, target)
             else:  # the reflex of the five lines says that it needs skin on an arm
                 worn = target.with_name(f"tci-{line['name']}-sleeves.robot.xml")
                 words = ["new-robot", str(file), "--name", line["name"], "--out", str(worn), "--force"]
-                dressed, error = _tci(*words, *result["options"], "--sleeves")
+                dressed, error = tci(*words, *result["options"], "--sleeves")
                 result["five_lines"], result["ran"] = (
-                    (error, False) if dressed is None else _five_lines(read_robot(worn), worn)
+                    (error, False) if dressed is None else five_lines(read_robot(worn), worn)
                 )
                 result["five_lines_after"] = "--sleeves"
     result["whole"] = told is not None and not _faults(result) and result["ran"] is not False
@@ -266,7 +277,7 @@ def _faults(result: dict[str, Any]) -> list[str]:
     return [*result["wrong"], *(result["simulated"] or result["check"])["faults"]]
 
 
-def _five_lines(robot: Robot, target: Path) -> tuple[str, bool]:
+def five_lines(robot: Robot, target: Path) -> tuple[str, bool]:
     patches = [one for one in robot.patches if one.name.endswith("_forearm")] or list(robot.patches)
     if not patches:
         return "no skin", False

@@ -15,7 +15,7 @@ import numpy as np
 from tci.errors import DescriptionError, Fault
 from tci.lab.authoring.find_limbs import FoundLimbs, extent_of, median_chain
 from tci.lab.authoring.joint_tree import Joint, ancestors, carried, read_joints
-from tci.lab.authoring.limb import LEVEL, Limb, limb_at, two_joint_limb_at
+from tci.lab.authoring.limb import LEVEL, Limb, limb_at, second_segment, two_joint_limb_at
 from tci.lab.authoring.limb_kind import is_named_as
 from tci.lab.authoring.link_points import LinkPoints
 from tci.lab.authoring.sleeves import COVER
@@ -23,7 +23,7 @@ from tci.messages.frames import Array
 from tci.robot.description import Model
 from tci.robot.generic_arm import Side
 from tci.robot.kinematics import bare_model
-from tci.robot.shoulder import SLANT
+from tci.robot.shoulder import SLANT, nearest_point
 from tci.support.engine import mujoco
 
 Mount = Literal["table", "wall", "ceiling"]
@@ -185,6 +185,8 @@ def _frame(
 def _with_end(model: Model, joints: Sequence[Joint], limb: Limb, points: LinkPoints, R_RH: Array) -> Limb:
     """The arm with the end of its forearm, and with its segments beside the pan's axis where their shapes
     are."""
+    turn, wrist = second_segment(joints, limb.bend, limb.middle, limb.length, aside=True)
+    limb = replace(limb, turn=turn, wrist=wrist)
     if limb.ends_nowhere:
         link = joints[limb.bend if limb.turn is None else limb.turn].link
         end = points.far_end(link, R_RH @ limb.middle)
@@ -195,8 +197,9 @@ def _with_end(model: Model, joints: Sequence[Joint], limb: Limb, points: LinkPoi
             "fixed link at the wrist, or shapes on the forearm"
         )
         raise DescriptionError(model.path, [Fault(0, message)])
-    if len(limb.ball) > 2:
-        return limb
+    if len(limb.ball) > 2:  # the upper arm begins at the lift, also if the pan's axis is elsewhere
+        lift, third = (joints[one] for one in limb.ball[1:])
+        return replace(limb, centre=nearest_point(third.anchor, lift.anchor, third.axis, lift.axis))
     axis = joints[limb.bend].axis
     fore = limb.wrist - limb.middle
     if limb.turn is None:

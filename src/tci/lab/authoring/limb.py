@@ -91,7 +91,7 @@ def limb_at(joints: Sequence[Joint], bend: int) -> Limb | None:
     reach = max(float(np.linalg.norm(joints[index].anchor - centre)) for index in carried(joints, bend))
     if length < SHORT * reach or max(float(np.linalg.norm(cross - centre)), away) > ASIDE * length:
         return None
-    turn, wrist = _second_segment(joints, bend, middle, length)
+    turn, wrist = second_segment(joints, bend, middle, length)
     return Limb((chain[3], chain[2], chain[1]), bend, turn, centre, middle, wrist)
 
 
@@ -112,21 +112,25 @@ def two_joint_limb_at(joints: Sequence[Joint], bend: int) -> Limb | None:
     reach = max(float(np.linalg.norm(joints[index].anchor - centre)) for index in carried(joints, bend))
     if length < SHORT * reach or away > ASIDE * length:
         return None
-    turn, wrist = _second_segment(joints, bend, middle, length)
+    turn, wrist = second_segment(joints, bend, middle, length, aside=True)
     return Limb((chain[2], chain[1]), bend, turn, centre, middle, wrist)
 
 
-def _second_segment(
-    joints: Sequence[Joint], bend: int, middle: Array, length: float
+def second_segment(
+    joints: Sequence[Joint], bend: int, middle: Array, length: float, *, aside: bool = False
 ) -> tuple[int | None, Array]:
     """Returns the index of the joint that turns the forearm about its length (None if there is none), and the
     forearm's end (3,) [m]. The forearm begins at the elbow `middle` (3,) [m], and `length` [m] is that of the
-    upper arm."""
+    upper arm. With `aside`, the forearm may lie anywhere along the axis of the elbow, and beside the upper
+    arm's."""
     after = [index for index, joint in enumerate(joints) if joint.parent == bend]
     turns: list[tuple[float, int, Array]] = []
     for index in after:
         joint = joints[index]
         across = (joint.anchor - middle) - joint.axis * float(joint.axis @ (joint.anchor - middle))
+        if aside:
+            square = np.cross(joints[bend].axis, joint.axis)
+            across = square * float(square @ (joint.anchor - joints[bend].anchor))
         beyond = [other for other in joints if other.parent == index]
         if abs(joint.axis @ joints[bend].axis) > SLANT or np.linalg.norm(across) > BESIDE * length:
             continue

@@ -18,7 +18,7 @@ from tci.lab.authoring.find_limbs import FoundLimbs
 from tci.lab.authoring.initial_posture import with_initial
 from tci.lab.authoring.joint_tree import Joint
 from tci.lab.authoring.link_points import LinkPoints
-from tci.lab.authoring.proposed_arm import FARTHER, Sign, bent_at_zero, largest_flexion, segments
+from tci.lab.authoring.proposed_arm import FARTHER, Sign, bent_at_zero, segments
 from tci.lab.authoring.proposed_parts import generic_joint
 from tci.lab.authoring.sleeves import axes_of
 from tci.messages.frames import Array, rotation_rpy, rotation_x, rotation_y, rpy_of
@@ -59,27 +59,26 @@ def lone_arm(
     ahead, across = -R_TP[:, 2], s * R_TP[:, 0]
     roll = angle_about(across, ahead, upper)
     R_TR = R_TP @ rotation_x(s * roll)
-    sense = _sense(draft, body, name, index, -across) if elbow is None else elbow
+    bending, flexed = joints[limb.bend], bent_at_zero(body, limb, 1.0)
+    usual: Sign = 1 if float(bending.axis @ -across) > 0.0 else -1
+    ways = {way: _generic(draft, 3, index, bending, way, way * flexed) for way in (usual, _other(usual))}
+    farther = _range(draft, ways[_other(usual)])[1] - _range(draft, ways[usual])[1] > FARTHER
+    sense = elbow or (_other(usual) if farther else usual)
     bend = sense * joints[limb.bend].axis
     yaw = angle_about(s * upper, -R_TR[:, 1], bend)
     servos = [
-        _joint(0, index, pan, -R_TM[:, 1], pitch),
-        _joint(1, index, lift, across, roll),
+        _joint(draft, 0, index, pan, -R_TM[:, 1], pitch),
+        _joint(draft, 1, index, lift, across, roll),
     ]
     if len(limb.ball) > 2:
-        servos.append(_joint(2, index, joints[limb.ball[2]], s * upper, yaw))
+        servos.append(_joint(draft, 2, index, joints[limb.ball[2]], s * upper, yaw))
     else:
         servos.append(GenericServo(id=2, name=JOINTS[2], servo=None, fixed=_clean(yaw), initial=_clean(yaw)))
-    servos.append(
-        generic_joint(
-            3, JOINTS[3], index[joints[limb.bend].name], scale=float(sense),
-            offset=_clean(bent_at_zero(body, limb, sense)),
-        )
-    )  # fmt: skip
+    servos.append(ways[sense])
     if limb.turn is None:
         servos.append(GenericServo(id=4, name=JOINTS[4], servo=None))
     else:
-        servos.append(_joint(4, index, joints[limb.turn], s * axes_of(body, limb)[1], 0.0))
+        servos.append(_joint(draft, 4, index, joints[limb.turn], s * axes_of(body, limb)[1], 0.0))
     part = GenericPart(
         name=f"{side}_arm", kind="arm", side=side, servos=tuple(servos), mount=rpy_of(R_TM),
         segments=segments(body, limb, points),
@@ -97,13 +96,8 @@ def _mount(up: Array, side: Side) -> Array:
     return np.column_stack([np.cross(y, z), y, z])
 
 
-def _sense(draft: Robot, body: FoundLimbs, name: str, index: Mapping[str | None, int], lowers: Array) -> Sign:
-    """The direction in which the elbow's joint bends the arm. `lowers` (3,) is the axis about which a forearm
-    that is stretched out forward is lowered."""
-    usual: Sign = 1 if float(body.joints[body.arms[name].bend].axis @ lowers) > 0.0 else -1
-    other: Sign = -1 if usual > 0 else 1
-    usually, else_ = (largest_flexion(draft, body, name, way, index) for way in (usual, other))
-    return other if else_ - usually > FARTHER else usual
+def _other(sense: Sign) -> Sign:
+    return -1 if sense > 0 else 1
 
 
 def _check_square(draft: Robot, part: GenericPart) -> None:
@@ -136,11 +130,35 @@ def _check_square(draft: Robot, part: GenericPart) -> None:
 
 
 def _joint(
-    id: int, index: Mapping[str | None, int], joint: Joint, axis: Array, offset: float
+    draft: Robot, id: int, index: Mapping[str | None, int], joint: Joint, axis: Array, offset: float
 ) -> GenericServo:
-    """The generic joint `id` that turns about `axis` (3,), by a joint of the model along it."""
+    """The generic joint `id` that turns about `axis` (3,), by a joint of the model along it, and is at
+    `offset` [rad] while this joint is at 0."""
     scale = 1.0 if float(joint.axis @ axis) > 0.0 else -1.0
-    return generic_joint(id, JOINTS[id], index[joint.name], scale=scale, offset=_clean(offset))
+    return _generic(draft, id, index, joint, scale, offset)
+
+
+def _generic(
+    draft: Robot, id: int, index: Mapping[str | None, int], joint: Joint, scale: float, offset: float
+) -> GenericServo:
+    """A generic joint. A whole turn is added to its `offset` [rad] if so the middle of its range is nearer
+    to 0."""
+    servo = index[joint.name]
+    middle = offset + scale * float(
+        np.mean([draft.servos[servo].limits.lower, draft.servos[servo].limits.upper])
+    )
+    turns = 2.0 * np.pi * np.round(middle / (2.0 * np.pi))
+    return generic_joint(id, JOINTS[id], servo, scale=scale, offset=_clean(offset - turns))
+
+
+def _range(draft: Robot, joint: GenericServo) -> tuple[float, float]:
+    """Generic angles [rad] that the limits of the joint's servo allow."""
+    assert joint.servo is not None
+    limits = draft.servos[joint.servo].limits
+    assert limits.lower is not None
+    assert limits.upper is not None
+    low, high = sorted(joint.scale * end + joint.offset for end in (limits.lower, limits.upper))
+    return low, high
 
 
 def _clean(angle: float) -> float:

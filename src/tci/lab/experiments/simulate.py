@@ -23,8 +23,6 @@ from tci.robot.description import Robot
 from tci.robot.like import RobotLike, as_robot
 from tci.simulation.world import World
 
-SIDES = ("left_arm", "right_arm")
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WorldRun:
@@ -121,11 +119,12 @@ def _run(
     """Simulates the worlds with the given `numbers` one after another in this process, and returns their
     results. Each world has its own random seed, `seed` plus its number."""
     runs = []
+    arms = sorted(part.name for part in robot.parts if part.kind == "arm")
     world = World(robot, step=step, noise=noise)
     for number in numbers:
         own = seed + number
         random = np.random.default_rng(own)
-        part, site = SIDES[random.integers(2)], sites[int(random.integers(len(sites)))]
+        part, site = arms[random.integers(len(arms))], sites[int(random.integers(len(sites)))]
         world.reset(seed=own)
         start = time.perf_counter()
         trace = poke(world, part, site, Stimulus(duration=duration), reflex=capability, seed=own)

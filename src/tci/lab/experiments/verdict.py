@@ -195,12 +195,19 @@ def arm_axes(
     """
     poses = kinematics.poses(position, [segment.link for segment in part.segments])
     ends = {s.name: apply(poses[s.link], np.array(s.origin)) for s in part.segments}
-    turns = part.R_TM.T @ kinematics.jacobian(position, hand)[3:]
+    T_TH, jacobian = kinematics.pose_and_jacobian(position, hand)
+    turns = part.R_TM.T @ jacobian[3:]
     yaw, elbow, pronation = (generic.servo for generic in part.servos[2:])
     assert elbow is not None
     bend = turns[:, elbow] * np.sign(part.servos[3].sense)
     along = part.R_TM.T @ (ends["forearm"] - ends["upper_arm"])
-    if yaw is None:  # no joint turns the upper arm: it is square to its elbow
+    if (
+        yaw is None
+    ):  # no joint turns the upper arm: it leads from the lift's axis to the elbow's, square to them
+        lift = part.servos[1].servo
+        assert lift is not None
+        feet = [T_TH[:3, 3] + np.cross(jacobian[3:, one], jacobian[:3, one]) for one in (lift, elbow)]
+        along = part.R_TM.T @ (feet[1] - feet[0])
         upper_arm = along - bend * (bend @ along)
         upper_arm = upper_arm / np.linalg.norm(upper_arm)
     else:

@@ -2,10 +2,10 @@
 
 python tools/policy.py FILE.onnx [--episodes 200] [--touches 100] [--robots nao,icub,g1] [--via lcm]
 
-Episodes are those of `tci.learn` on NAO, beside standing still and the reflex. Touches are pokes of both arms
-near the centres of the reflex's fields, with 5 to 11 N if nothing moves; the policy runs as a capability,
-behind the gate. With --via another process serves the robot in real time, and the policy reaches it over that
-middleware.
+Episodes are those of `tci.learn`, beside standing still and the reflex: on the first robot in many worlds, as
+it was trained, and on each robot alone, behind the gate. Touches are pokes of both arms near the centres of
+the reflex's fields, with 5 to 11 N if nothing moves; the policy runs as a capability, behind the gate. With
+--via another process serves the robot in real time, and the policy reaches it over that middleware.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ from tci.capabilities.fields import default_fields
 from tci.capabilities.policy import read_policy
 from tci.drivers.registry import connect, open_server
 from tci.drivers.simulated import SimulatedDriver
-from tci.learn import TouchEnv
+from tci.learn import TouchEnv, TouchVectorEnv
 from tci.messages import LimbPlace
+from tci.reasons import Code
 from tci.runtime.serve import serve
 from tci.simulation.finger import Finger
 
@@ -38,10 +39,28 @@ LOOKS, RESTS = 1.05, 2.6
 remembers 1.5 s is back."""
 
 
-def episodes(file: str, count: int) -> None:
-    """Prints returns, harm, peak forces and the motion before the touch, with 95 % intervals."""
+def gain_in_worlds(file: str, robot: str, count: int) -> float:
+    """How much more the policy gets than who stands still, in the worlds in which it was trained."""
     policy, spec = read_policy(file)
-    env = TouchEnv("nao", policy=spec)
+    env, returns = TouchVectorEnv(robot, count, policy=spec), list[float]()
+    for still in (True, False):
+        seen, _ = env.reset(seed=HELD_OUT)
+        total, over = 0.0, False
+        while not over:
+            acts = [np.zeros(len(spec.joints)) if still else np.ravel(policy(one)) for one in seen]
+            seen, rewards, _, ended, _ = env.step(acts)
+            total, over = total + float(rewards.mean()), bool(ended.all())
+        returns.append(total)
+    print(f"{robot}, many worlds: standing still {returns[0]:.4f}, the policy {returns[1]:.4f}", flush=True)
+    return returns[1] - returns[0]
+
+
+def episodes(file: str, robot: str, count: int, trained: float) -> None:
+    """Prints returns, harm, peak forces and the motion before the touch, with 95 % intervals, and how much of
+    the gain in many worlds, `trained`, is left here."""
+    policy, spec = read_policy(file)
+    env = TouchEnv(robot, policy=spec)
+    returns = list[float]()
     acts: dict[str, Callable[[Any], Any]] = {
         "standing still": lambda seen: np.zeros(len(spec.joints)),
         "the reflex": lambda seen: env.baseline(),
@@ -49,11 +68,15 @@ def episodes(file: str, count: int) -> None:
     }
     for name, act in acts.items():
         rows = np.array([episode(env, HELD_OUT + n, act) for n in range(count)])
+        returns.append(float(rows[:, 0].mean()))
         mean, wide = rows.mean(axis=0), 1.96 * rows.std(axis=0) / np.sqrt(count)
         told = zip(("return", "harm", "peak [N]"), mean, wide, strict=False)
         words = ", ".join(f"{what} {here:.4f} +- {half:.4f}" for what, here, half in told)
         before, left = np.rad2deg(rows[:, 3].max()), int(rows[:, 4].sum())
-        print(f"{name}: {words}; left {left} of {count}; {before:.2f} degrees before", flush=True)
+        print(f"{robot}, {name}: {words}; left {left} of {count}; {before:.2f} degrees before", flush=True)
+    print(
+        f"{robot}: the policy keeps {(returns[2] - returns[0]) / trained:.0%} of its gain over standing still"
+    )
 
 
 def episode(env: TouchEnv, seed: int, act: Callable[[Any], Any]) -> tuple[float, ...]:
@@ -95,7 +118,7 @@ class Judge:
     """Judges one touch after the other from what the physics says."""
 
     def __init__(self) -> None:
-        self.touches = self.left = self.refused = 0
+        self.touches = self.left = self.refused = self.orders = self.clamped = 0
         self.home: Any = None
         self.before = 0.0
         """Largest motion [rad] while nothing touched."""
@@ -108,6 +131,8 @@ class Judge:
     def see(self, finger: Finger, tick: tci.Tick) -> None:
         force = finger.force
         self.refused += len(tick.sent.refusals)
+        self.orders += len(tick.sent.orders)
+        self.clamped += bool(tick.sent.orders) and any(one.code is Code.CLAMPED for one in tick.sent.clamped)
         if not self.looks:
             return
         position = tick.reading.joints.position
@@ -124,7 +149,10 @@ class Judge:
 
     def __str__(self) -> str:
         degrees = np.rad2deg(self.before)
-        return f"left {self.left} of {self.touches}, {self.refused} refused, {degrees:.2f} degrees before"
+        return (
+            f"left {self.left} of {self.touches}, {degrees:.2f} degrees before; of {self.orders} orders "
+            f"{self.refused} refused, {self.clamped} clamped"
+        )
 
 
 def in_simulation(file: str, robot: str, count: int) -> Judge:
@@ -193,9 +221,12 @@ def main() -> None:
     words.add_argument("--robots", default="nao,icub,g1")
     words.add_argument("--via", default="")
     given = words.parse_args()
+    robots = given.robots.split(",")
     if given.episodes:
-        episodes(given.file, given.episodes)
-    for robot in given.robots.split(",") if given.touches else ():
+        trained = gain_in_worlds(given.file, robots[0], given.episodes)
+        for robot in robots:
+            episodes(given.file, robot, given.episodes, trained)
+    for robot in robots if given.touches else ():
         if given.via:
             print(robot, "over", given.via, over(given.via, given.file, robot, given.touches), flush=True)
         else:

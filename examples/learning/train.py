@@ -2,9 +2,9 @@
 
 python examples/learning/train.py withdraw.onnx [STEPS]
 
-PPO (Schulman et al. 2017) of stable-baselines3 learns from the reward. It begins where the hand-written
-reflex is: first it acts, and the reflex says what it would have done (DAgger, Ross et al. 2011). `make learn`
-installs what it needs, and judges what it wrote.
+PPO (Schulman et al. 2017) of stable-baselines3 learns from the reward, in many worlds that are stepped
+together. It begins where the hand-written reflex is: first it acts, and the reflex says what it would have
+done (DAgger, Ross et al. 2011). `make learn` installs what it needs, and judges what it wrote.
 """
 
 import sys
@@ -15,13 +15,12 @@ import numpy as np
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.env_util import make_vec_env
-from stable_baselines3.common.vec_env import SubprocVecEnv, VecNormalize
+from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
 
 from tci.capabilities.policy import PolicySpec, write_policy
-from tci.learn import WITHDRAWAL, TouchEnv
+from tci.learn import WITHDRAWAL, TouchEnv, TouchVectorEnv
 
-STEPS, PROCESSES, EPISODES, PAIN = 160_000, 2, 50, 6.0
+STEPS, WORLDS, EPISODES, PAIN = 160_000, 36, 50, 6.0
 # It sees the touches of the last 1.4 s and not where the arm is. One that saw its own offset learned to stay
 # where it had gone, and drifted by 16 degrees in 5 s where nobody touched it.
 SPEC = PolicySpec(observations=("contacts",), rate=25.0, history=36, action_scale=[1.2] * 5)
@@ -31,6 +30,42 @@ def reward(view):
     """The task's, with more weight on harm: else it suffers a little more than the reflex, to move less."""
     terms = WITHDRAWAL.reward(view)
     return {**terms, "harm": PAIN * terms["harm"]}
+
+
+class Worlds(VecEnv):
+    """Gymnasium's vector environments, as stable-baselines3 wants them."""
+
+    def __init__(self, envs):
+        self.envs, self.actions = envs, None
+        super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
+
+    def reset(self):
+        return self.envs.reset(seed=1)[0]
+
+    def step_async(self, actions):
+        self.actions = actions
+
+    def step_wait(self):
+        seen, rewards, ended, over, info = self.envs.step(self.actions)
+        infos = [{} for _ in over]
+        for world in np.flatnonzero(over):
+            infos[world] = {"terminal_observation": info["final_obs"][world], "TimeLimit.truncated": True}
+        return seen, rewards, ended | over, infos
+
+    def get_attr(self, name, indices=None):
+        return [getattr(self.envs, name)] * self.num_envs
+
+    def set_attr(self, name, value, indices=None):
+        setattr(self.envs, name, value)
+
+    def env_method(self, name, *args, indices=None, **kwargs):
+        return [getattr(self.envs, name)(*args, **kwargs)] * self.num_envs
+
+    def env_is_wrapped(self, wrapper, indices=None):
+        return [False] * self.num_envs
+
+    def close(self):
+        self.envs.close()
 
 
 def actor(model):
@@ -87,14 +122,12 @@ class Tell(BaseCallback):
 def main(path, steps=STEPS):
     torch.manual_seed(0)
     torch.set_num_threads(1)
-    envs = make_vec_env(
-        "tci.learn:tci/Withdrawal-v0", PROCESSES, seed=1, vec_env_cls=SubprocVecEnv,
-        env_kwargs={"robot": "nao", "task": replace(WITHDRAWAL, reward=reward), "policy": SPEC},
-    )  # fmt: skip
+    worlds = TouchVectorEnv("nao", WORLDS, replace(WITHDRAWAL, reward=reward), policy=SPEC)
+    envs = VecNormalize(VecMonitor(Worlds(worlds)), norm_obs=False, gamma=0.99)
     model = PPO(
-        "MlpPolicy", VecNormalize(envs, norm_obs=False, gamma=0.99), gamma=0.99, n_steps=2052, batch_size=456,
+        "MlpPolicy", envs, gamma=0.99, n_steps=114, batch_size=456,  # 114 steps are three episodes
         n_epochs=6, learning_rate=lambda left: 4e-4 * left, use_sde=True, sde_sample_freq=19, seed=0,
-        policy_kwargs={"net_arch": {"pi": [32, 32], "vf": [64, 64]}, "log_std_init": -3.5}, device="cpu",
+        policy_kwargs={"net_arch": {"pi": [32, 32], "vf": [64, 64]}, "log_std_init": -4.5}, device="cpu",
     )  # fmt: skip
     # Without biases it answers 0 where nobody touched it, and explores with a noise of 0 there.
     for layer in actor(model).modules():

@@ -100,6 +100,8 @@ def test_only_the_worlds_that_are_meant_are_poked_and_reset(worlds: MujocoWorlds
     worlds.poke(patch, 40, worlds=[2, 5])
     worlds.advance(0.1)
     assert np.flatnonzero(worlds.force.any(axis=1)).tolist() == [2, 5]
+    assert (worlds.finger_peak >= worlds.finger_force).all()
+    assert np.flatnonzero(worlds.finger_peak).tolist() == [2, 5]
     worlds.reset([5])
     worlds.advance(0.04)
     assert np.flatnonzero(worlds.force.any(axis=1)).tolist() == [2]

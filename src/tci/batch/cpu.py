@@ -17,7 +17,6 @@ from tci.errors import CommandError, TciError
 from tci.messages import JointReading, Perception, SkinState
 from tci.messages.contacts import CONTACT, TAXEL, Contacts
 from tci.messages.frames import Array, frozen
-from tci.simulation.finger import DAMPING, STIFFNESS
 from tci.simulation.finger import PARKED as FINGER_PARKED
 from tci.simulation.stepping import POKE
 from tci.simulation.world import World
@@ -253,6 +252,12 @@ class MujocoWorlds(Worlds):
         force: Array = self._pokes["force"]
         return force
 
+    @property
+    def finger_peak(self) -> Array:
+        """Largest contact force (N,) [N] on the tip of each finger in its poke."""
+        peak: Array = self._pokes["peak"]
+        return peak
+
     def contacts(self, world: int) -> Contacts:
         """Contacts of one world in its latest frames, as a perceiver finds them; identified after `track`."""
         rows, begin, taxels = (one.copy() for one in self._contacts_of(world))
@@ -294,5 +299,4 @@ class MujocoWorlds(Worlds):
         pokes = np.repeat(finger.state, len(worlds)).astype(POKE)
         pokes["active"], pokes["path"], pokes["end"] = 1, 0.0, gap + depth
         pokes["begin"], pokes["speed"], pokes["depth"] = self.time, speed, depth
-        pokes["leads"] = DAMPING / STIFFNESS
         self._pokes[worlds] = pokes

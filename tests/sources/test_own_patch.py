@@ -1,21 +1,33 @@
-"""The page about one's own patch: its files are written and its commands run in order, in an empty folder."""
+"""The page about one's own patch: its files are written and its commands run in order, in an empty folder and
+in a new environment, which has TCI's wheel, what that needs with the extra of the page, and nothing else."""
 
 from __future__ import annotations
 
 import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from helpers import ROOT
 from helpers.dds_domains import DOMAINS
+from helpers.wheels import bare, build, install, lend_machine_code, needed_by, run
 
 PAGE = (ROOT / "docs" / "own-patch.md").read_text()
 FILE = re.compile(r"File `([\w.]+)`:\n\n```\w+\n(.*?)```", re.DOTALL)
 SHELL = re.compile(r"```sh\n(.*?)```", re.DOTALL)
+
+
+def installed(folder: Path) -> Path:
+    """The Python of a new environment with TCI and its extra `ros2`."""
+    needed = needed_by("ros2")
+    python, _ = bare(folder / "venv", lambda name: name in needed)
+    install(python, build("wheel", ROOT, folder / "dist"))
+    place = Path(run(python, "-c", "import tci; print(tci.__file__)").stdout.strip())
+    assert place.is_relative_to(folder)
+    lend_machine_code(place.parent)
+    return python
 
 
 @pytest.mark.timeout(300)
@@ -33,8 +45,8 @@ def test_ten_commands_lead_from_a_table_and_a_topic_to_a_reflex(tmp_path: Path) 
     home = tmp_path / "home"
     home.mkdir()
     fresh = {
-        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "HOME": str(home), "COLUMNS": "200",
-        "ROS_DOMAIN_ID": str(next(DOMAINS)), "PYTHONPATH": str(ROOT / "src"),
+        "PATH": f"{installed(tmp_path).parent}:{os.defpath}", "HOME": str(home), "COLUMNS": "200",
+        "ROS_DOMAIN_ID": str(next(DOMAINS)),
     }  # fmt: skip
     ran = subprocess.run(["bash", "-c", "\n".join(script)], cwd=tmp_path, env=fresh, capture_output=True,
                          text=True, check=False, timeout=280)  # fmt: skip

@@ -122,9 +122,9 @@ def _joined(shapes: list[tuple[Array, NDArray[np.intp]]]) -> tuple[Array, NDArra
 
 
 def _lighter(vertices: Array, faces: NDArray[np.intp], *, coarsest: float) -> tuple[Array, NDArray[np.intp]]:
-    """Returns a mesh with fewer triangles: all vertices in one cube are replaced by their mean (Rossignac and
-    Borrel 1993). The edge of the cubes is at most `coarsest` [m]. A mesh with few triangles (`ENOUGH`) is
-    returned unchanged."""
+    """Returns a mesh with fewer triangles: all vertices of one side in one cube are replaced by their mean
+    (Rossignac and Borrel 1993). The edge of the cubes is at most `coarsest` [m]. A mesh with few triangles
+    (`ENOUGH`) is returned unchanged."""
     fewer, cell = (vertices, faces), CELL
     while len(fewer[1]) > ENOUGH and cell <= coarsest:
         fewer = _merged(vertices, faces, cell)
@@ -133,9 +133,18 @@ def _lighter(vertices: Array, faces: NDArray[np.intp], *, coarsest: float) -> tu
 
 
 def _merged(vertices: Array, faces: NDArray[np.intp], size: float) -> tuple[Array, NDArray[np.intp]]:
-    """Merges the vertices in each cube with an edge of `size` [m], and removes triangles with two equal
-    corners."""
-    _, cell = np.unique(np.floor(vertices / size).astype(np.int64), axis=0, return_inverse=True)
+    """Merges the vertices in each cube with an edge of `size` [m] whose normals are nearest to the same axis,
+    and removes triangles with two equal corners. The two sides of a thin wall stay apart: merged, they have
+    no normal, and are drawn with dark spots and holes."""
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    own = np.stack(
+        [np.bincount(faces.ravel(), np.repeat(normals[:, axis], 3), len(vertices)) for axis in range(3)],
+        axis=1,
+    )
+    side = np.argmax(np.concatenate([own, -own], axis=1), axis=1)
+    cubes = np.column_stack([np.floor(vertices / size), side]).astype(np.int64)
+    _, cell = np.unique(cubes, axis=0, return_inverse=True)
     cell = cell.ravel()
     count = np.bincount(cell)
     means = np.stack([np.bincount(cell, vertices[:, axis]) / count for axis in range(3)], axis=1)

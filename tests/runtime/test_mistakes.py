@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import runpy
+import time
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -237,6 +238,33 @@ def test_10_a_duration_that_is_none(driver: SimulatedDriver, duration: float) ->
         TciError, match=f"duration {duration} s; valid: 0 or more and finite, or None for ever"
     ):
         tci.run(driver, Ask(), duration=duration)
+
+
+def test_10_a_duration_in_words(driver: SimulatedDriver) -> None:
+    with pytest.raises(TciError, match="duration '1'; valid: a number of seconds, or None for ever"):
+        tci.run(driver, Ask(), duration="1")  # type: ignore[arg-type]
+
+
+class Counts(Ask):
+    """Keeps its state in itself, and takes longer than a period of 2 ms."""
+
+    def __init__(self) -> None:
+        self.count, self.seen = 0, [0.0]
+
+    def step(
+        self, memory: Any, perception: tci.Perception, body: tci.GenericBody
+    ) -> tuple[tuple[tci.Order, ...], Any]:
+        self.count += 1
+        self.seen.append(perception.stamp)
+        time.sleep(0.004)
+        return (), memory
+
+
+def test_habits_that_nobody_notices_in_simulation_are_told(driver: SimulatedDriver) -> None:
+    result = tci.run(driver, Counts(), duration=0.02)
+    assert "Counts keeps state in itself (count, seen)" in str(result)
+    assert "longer than a period of 2 ms" in str(result)
+    assert tci.run(driver, tci.WithdrawalReflex(), duration=0.02).advice == ()
 
 
 def test_11_names_that_are_nearly_right() -> None:

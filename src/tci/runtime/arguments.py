@@ -13,7 +13,7 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from inspect import isabstract
 from pathlib import Path
-from typing import Any
+from typing import Any, SupportsFloat
 
 from tci.capabilities.capability import Capability, lacks
 from tci.capabilities.fields import load_fields
@@ -148,5 +148,9 @@ def _can_run(one: object) -> bool:
 
 def check_duration(duration: float | None) -> None:
     """Raises TciError if `duration` [s] is negative, infinite or not a number. None is valid."""
-    if duration is not None and not (0.0 <= duration < math.inf):
+    if duration is None:
+        return
+    if isinstance(duration, str | bool) or not isinstance(duration, SupportsFloat):
+        raise TciError(f"run: duration {duration!r}; valid: a number of seconds, or None for ever")
+    if not (0.0 <= float(duration) < math.inf):
         raise TciError(f"run: duration {duration} s; valid: 0 or more and finite, or None for ever")

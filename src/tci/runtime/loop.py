@@ -7,6 +7,7 @@ of the capability, of an observer or of a thread.
 from __future__ import annotations
 
 from collections.abc import Callable
+from time import perf_counter
 from typing import TypeVar
 
 from tci.body.generic_body import BodySettings, GenericBody
@@ -19,6 +20,7 @@ from tci.messages import Order, Reading
 from tci.reasons import Reason
 from tci.runtime.arguments import as_capability, as_driver, check_duration
 from tci.runtime.control import Control
+from tci.runtime.habits import Habits
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.moment import Tick as Tick
 from tci.runtime.result import Account, RunResult
@@ -73,7 +75,7 @@ def run(
     body = GenericBody(driver.robot, settings or BodySettings())
     report, name = report or LoopReport(), type(unwrapped(capability)).__name__
     account = Account(driver, tuple(f"{name}: {words}" for words in lacks(capability, driver.robot)))
-    memory, begun = capability.init(body), False
+    memory, begun, habits = capability.init(body), False, Habits(capability, driver.period)
     needed = {patch.name for need in capability.needs for patch in need.skin_of(driver.robot)}
     watchdogs: tuple[Watchdog, ...] = usual_watchdogs(driver, needed)
     if guard is not None:
@@ -93,7 +95,9 @@ def run(
                         orders = begin_of(capability, seen, body)
                         opening = bool(orders)
                     if not opening:
+                        before = perf_counter()
                         orders, memory = step_of(capability, memory, seen, body)
+                        habits.add(perf_counter() - before)
                     if fault := capability.fault(seen, body):
                         driver.gate.stop(fault)
                     begun = True
@@ -107,7 +111,7 @@ def run(
             control.finish()
             interruption.raise_it()
             report.ended = "done"
-            return account.result(memory, report)
+            return account.result(memory, report, habits.advice())
         except BaseException as error:
             interruption.rests = True
             where = f" in thread {interruption.thread}" if error is interruption.failure else ""

@@ -75,6 +75,9 @@ class RunResult(Generic[Memory]):
     """Patches in `touched` that only tell pressed or not. Their force there is the one that closes the
     switch; with what force they were pressed nobody knows."""
 
+    advice: tuple[str, ...] = ()
+    """Habits of the capability that nobody notices in simulation, with what to do."""
+
     @property
     def ended(self) -> str:
         """Reason for which the run ended."""
@@ -114,6 +117,7 @@ class RunResult(Generic[Memory]):
             lines.append(f"{self.state.name} at the end: {self.reason}")
         if self.went_back:
             lines.append(MET)
+        lines += self.advice
         return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
@@ -130,6 +134,7 @@ class RunResult(Generic[Memory]):
             "switches": [*self.switches],
             "moved_rad": dict(self.moved),
             "lacks": [*self.lacks],
+            "advice": [*self.advice],
             "accepted": self.accepted,
             "refusals": [notice.to_json() for notice in self.refusals],
             "clamps": [notice.to_json() for notice in self.clamps],
@@ -181,8 +186,8 @@ class Account:
         elif sent.state is GateState.STOP:
             self._stop(sent.reason, sent.stamp)
 
-    def result(self, memory: Memory, report: LoopReport) -> RunResult[Memory]:
-        """Returns the result of the finished run."""
+    def result(self, memory: Memory, report: LoopReport, advice: tuple[str, ...] = ()) -> RunResult[Memory]:
+        """Returns the result of the finished run, in which the capability had the habits `advice`."""
         gate = self._driver.gate
         if gate.state is GateState.STOP:
             self._stop(gate.reason, self._driver.clock.now())
@@ -200,6 +205,7 @@ class Account:
             holds=self._holds.notices(),
             went_back=self._went_back.notices(),
             lacks=self._lacks,
+            advice=advice,
             switches=tuple(name for name in self._touched if name in self._driver.robot.switches),
         )
 

@@ -69,6 +69,15 @@ def test_what_keeps_the_other_process_away_is_told() -> None:
                        via="zenoh:no-endpoint"))  # fmt: skip
 
 
+def test_a_wire_without_skin_is_told_with_what_to_add() -> None:
+    """Unitree's own wire has joints only: 0 of 10 pokes were answered, without a reason."""
+    with (
+        wire("unitree") as via,
+        pytest.raises(DriverError, match=r"carries no skin of g1: .*valid: .*yarp"),
+    ):
+        next(trials_of(patient("g1"), tci.WithdrawalReflex(), stimulus=SHORT_POKE, seed=3, via=via))
+
+
 def test_a_process_that_ends_in_the_middle_of_a_trial_is_told() -> None:
     robot, reflex = tci.load_robot("nao"), tci.WithdrawalReflex()
     with wire("zenoh") as via, RemoteTrial(robot, via, reflex) as elsewhere:

@@ -114,14 +114,19 @@ def test_recordings_that_make_no_set(recordings: Path, tmp_path: Path) -> None:
         read_lerobot(tmp_path)
 
 
-def test_a_set_that_lerobot_wrote_is_read() -> None:
-    """LeRobot 0.6.1 wrote this set (`create`, `add_frame`, `finalize`), with at most 1 kB per file.
+@pytest.mark.parametrize(
+    ("version", "pictures"),
+    [("0.4.4", {"front: image", "wrist: video"}), ("0.6.1", {"front: image"})],
+)
+def test_a_set_that_lerobot_wrote_is_read(version: str, pictures: set[str]) -> None:
+    """LeRobot itself wrote these sets (`create`, `add_frame`, `finalize`), with at most 1 kB per file.
 
     Row i of episode e counts k = 10 e + i.
     """
-    data = read_lerobot(Path(__file__).parent / "lerobot_0.6.1")
+    data = read_lerobot(Path(__file__).parent / f"lerobot_{version}")
     assert (data.fps, data.robot_type, data.tasks) == (10, "arm", ("push", "pull"))
-    assert data.left_out == ("note: string is not read", "observation.images.front: image is not read")
+    left_out = {"note: string is not read"} | {f"observation.images.{one} is not read" for one in pictures}
+    assert set(data.left_out) == left_out
     assert data.features["observation.state"].names == ("shoulder", "elbow")
     assert data.features["observation.force"].names is None  # genuine names are those of the two axes
     assert len({path for path, _, _ in data.places}) == 2

@@ -6,6 +6,7 @@ raw skin frames that came since the row before: their values are not sampled, so
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -136,19 +137,21 @@ class _Clock:
 
     @classmethod
     def of(cls, recording: Recording, fps: int) -> _Clock:
-        clock, count, waiting = cls(recording.path, fps), dict[tuple[str, int], int](), list[str]()
+        clock, row = cls(recording.path, fps), -1
+        waiting, count = Counter[str](), Counter[str]()
         for topic, kind, stamp, data in recording.messages():
             if kind is SKIN:
                 patch = topic.removeprefix("/skin/")
-                clock.samples.setdefault(patch, to_frame(decode(kind, data)))
-                waiting.append(patch)
+                if patch not in clock.samples:
+                    clock.samples[patch] = to_frame(decode(kind, data))
+                waiting[patch] += 1
             elif kind is TICK:
-                row = clock.row(stamp)
+                if (at := clock.row(stamp)) > row:
+                    row, count = at, Counter()
+                count += waiting
                 for patch in waiting:
-                    count[patch, row] = count.get((patch, row), 0) + 1
-                waiting = []
-        for (patch, _), number in count.items():
-            clock.most[patch] = max(clock.most.get(patch, 0), number)
+                    clock.most[patch] = max(clock.most.get(patch, 0), count[patch])
+                waiting.clear()
         return clock
 
     def row(self, stamp: int) -> int:

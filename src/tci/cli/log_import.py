@@ -91,11 +91,7 @@ def import_(
     if (log / "meta" / "info.json").is_file():
         from tci.datasets.lerobot import import_lerobot
 
-        used, left_out = import_lerobot(log, out, episode, robot=words)
-        written(out, {"frames": used}, {"left_out": left_out}, as_json=as_json)
-        if not as_json:
-            said = f"left out: {', '.join(left_out)}"
-            console.print(said, style="yellow", highlight=False, markup=False)
+        _tell(import_lerobot(log, out, episode, robot=words), out, as_json=as_json)
         return
     if is_bag(log):
         if words is None:

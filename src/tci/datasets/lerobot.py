@@ -21,7 +21,7 @@ from tci.datasets.raw_skin import skin_frames
 from tci.datasets.statistics import Statistics
 from tci.errors import RecordingError
 from tci.messages import SkinFrame
-from tci.recording.importing import FROM_FILE, import_frames
+from tci.recording.importing import FROM_FILE, Imported, import_frames
 from tci.robot.description import Robot
 from tci.support.installed import needs
 
@@ -284,18 +284,17 @@ class LeRobotSet:
         yield from skin_frames(columns)
 
 
-def import_lerobot(folder: Path, out: Path, episode: int, *, robot: Robot | None) -> tuple[int, list[str]]:
+def import_lerobot(folder: Path, out: Path, episode: int, *, robot: Robot | None) -> Imported:
     """Writes the raw skin frames of an episode as a recording.
 
-    Returns the number of periods, and the names of what is left out. Raises RecordingError if the set has no
-    raw skin frames or they do not fit the robot.
+    Raises RecordingError if the set has none or they do not fit the robot.
     """
     data = read_lerobot(folder)
     used = (RAW, STAMPS, COUNT)
     left_out = [name for name in data.features if not name.startswith(used) and name not in OWN]
     source = f"{folder.name}, episode {episode}"
     frames = import_frames(data.frames(episode), out, robot, middleware=FROM_FILE, source=source)
-    return frames, left_out + list(data.left_out)
+    return Imported(frames, left_out=(*left_out, *data.left_out))
 
 
 def read_lerobot(folder: Path) -> LeRobotSet:

@@ -145,6 +145,6 @@ def test_tables_of_any_country_are_read(mark: str, point: str, tmp_path: Path) -
     text = "\n".join(map(mark.join, cells))
     (tmp_path / "a.csv").write_text(text)
     (tmp_path / "map.toml").write_text('time = "time"\n[skin.tip]\nvalues = "x0:x1"')
-    assert import_arrays(tmp_path / "a.csv", tmp_path / "a.mcap", tmp_path / "map.toml") == 2
+    assert import_arrays(tmp_path / "a.csv", tmp_path / "a.mcap", tmp_path / "map.toml").periods == 2
     values = [frame.values.tolist() for frame in Recording(tmp_path / "a.mcap").frames()]
     assert values == [[1.5, -2.0], [3.5, 4.0]]

@@ -74,7 +74,7 @@ def test_an_array_has_one_meaning(tmp_path: Path) -> None:
 def test_suffixes_in_capitals_are_those_files(tmp_path: Path) -> None:
     (tmp_path / "A.CSV").write_text(CSV)
     (tmp_path / "map.toml").write_text('time = "t"\n' + skin("p:q"))
-    assert import_arrays(tmp_path / "A.CSV", tmp_path / "a.mcap", tmp_path / "map.toml") == 2
+    assert import_arrays(tmp_path / "A.CSV", tmp_path / "a.mcap", tmp_path / "map.toml").periods == 2
 
 
 @pytest.mark.parametrize(
@@ -111,3 +111,23 @@ def test_a_contact_without_taxels_is_left_out_and_a_blank_line_skipped(tmp_path:
         done = import_contact_list(tmp_path, tmp_path / "a.mcap", load_robot("icub"))
     assert (done.periods, done.left_out, done.parts[0].verdict) == (3, 1, "wrong")
     assert len(list(Recording(tmp_path / "a.mcap").ticks())) == 3, "two lists with one time"
+
+
+@pytest.mark.parametrize("suffix", ["npz", "csv"])
+def test_what_is_left_out_and_what_can_hardly_be_is_told(suffix: str, tmp_path: Path) -> None:
+    touch = np.column_stack([np.arange(4.0), [1.0, 2.0, np.nan, 3.0]])
+    if suffix == "npz":
+        np.savez(tmp_path / "a.npz", p=touch, q=np.zeros((4, 2)), t=np.arange(4.0), heart=np.zeros(4))
+        words = 'time = "t"\n' + skin("p", "q")
+    else:
+        rows = [f"{k},{a},{'nan' if np.isnan(b) else b},0,0,7" for k, (a, b) in enumerate(touch)]
+        (tmp_path / "a.csv").write_text("\n".join(["t,p0,p1,q0,q1,heart", *rows]))
+        words = 'time = "t"\n' + skin("p0:p1", "q0:q1")
+    (tmp_path / "map.toml").write_text(words)
+    done = import_arrays(tmp_path / f"a.{suffix}", tmp_path / "a.mcap", tmp_path / "map.toml")
+    assert done.left_out == ("heart",)
+    assert done.doubts == (
+        "left_forearm: values are NaN in 1 of 4 frames",
+        "right_forearm: 0 in all 4 frames; was it connected?",
+        "left_forearm has touch, right_forearm has no value but 0: one of two pads",
+    )

@@ -103,7 +103,8 @@ def import_(
     elif log.suffix.lower() in SUFFIXES:
         if mapping is None:
             raise RecordingError(f"{log} holds arrays, whose meaning is unknown; valid: --map FILE.toml")
-        counts = {"frames": import_arrays(log, out, mapping, robot=words)}
+        _tell(import_arrays(log, out, mapping, robot=words), out, what="frames", as_json=as_json)
+        return
     elif not is_text(log):
         raise RecordingError(
             f"{log} is no text; valid: a log of YARP, a ROS bag, or arrays as .npz, .mat or .csv"
@@ -126,11 +127,11 @@ def import_(
         console.print(_sentence(fit), style=colour, highlight=False, markup=False)
 
 
-def _tell(done: Imported, out: Path, *, as_json: bool) -> None:
+def _tell(done: Imported, out: Path, *, what: str = "periods", as_json: bool) -> None:
     from tci.cli.console import console, written
 
     more = {"left_out": done.left_out, "doubts": done.doubts}
-    written(out, {"periods": done.periods}, more, as_json=as_json)
+    written(out, {what: done.periods}, more, as_json=as_json)
     for said in () if as_json else (*done.doubts, *(f"left out: {one}" for one in done.left_out)):
         console.print(f"  {said}", style="yellow", highlight=False, markup=False)
 

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.datasets.doubts import Streams
 from tci.datasets.episodes import ACTION, COUNT, RAW, STAMPS, STATE, TACTILE, Columns, DataSet
 from tci.datasets.raw_skin import skin_frames
 from tci.datasets.zarr2 import ArrayWriter, ZarrArray, make_group, put_array
 from tci.errors import RecordingError
 from tci.messages import SkinFrame
+from tci.recording.doubts import Streams
 from tci.recording.importing import FROM_FILE, Imported, import_frames
 from tci.robot.description import Robot
 from tci.robot.description.patch import Grid, Patch

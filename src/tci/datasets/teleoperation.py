@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.datasets.doubts import Streams
 from tci.errors import RecordingError
 from tci.messages import JointReading, Reading, SkinFrame
+from tci.recording.doubts import Streams
 from tci.recording.importing import FROM_FILE, Imported, Plausibility, import_frames, importing
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position

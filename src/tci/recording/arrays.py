@@ -31,7 +31,8 @@ from pydantic import Field, ValidationError, model_validator
 from tci.errors import DescriptionError, Fault, RecordingError
 from tci.messages import SkinFrame
 from tci.messages.frames import Array, read_only
-from tci.recording.importing import FROM_FILE, LONGEST_LINE, import_frames
+from tci.recording.doubts import Streams
+from tci.recording.importing import FROM_FILE, LONGEST_LINE, Imported, import_frames
 from tci.robot.description import Description, Patch, Robot
 from tci.robot.xml.values import NUMBER
 
@@ -107,8 +108,8 @@ def read_mapping(path: Path) -> Mapping:
     raise DescriptionError(str(path), [Fault(0, fault) for fault in faults])
 
 
-def import_arrays(file: Path, out: Path, mapping: Path, *, robot: Robot | None = None) -> int:
-    """Converts a file of arrays to a recording and returns the number of frames.
+def import_arrays(file: Path, out: Path, mapping: Path, *, robot: Robot | None = None) -> Imported:
+    """Converts a file of arrays to a recording.
 
     If `robot` is given, the patches are patches of this robot, and in the recording its joints rest at the
     initial posture. Raises DescriptionError if the mapping has faults. Raises RecordingError if the file does
@@ -117,11 +118,25 @@ def import_arrays(file: Path, out: Path, mapping: Path, *, robot: Robot | None =
     names = read_mapping(mapping)
     patches = {} if robot is None else {name: robot.patch(name) for name in names.skin}
     rows = _csv_rows if file.suffix.lower() == ".csv" else _array_rows
+    streams, source = Streams(chosen=True), f"arrays of {file.name}"
     try:
-        frames = _frames(rows(file, names), names, patches)
-        return import_frames(frames, out, robot, middleware=FROM_FILE, source=f"arrays of {file.name}")
+        frames = streams.watch(_frames(rows(file, names), names, patches))
+        periods = import_frames(frames, out, robot, middleware=FROM_FILE, source=source)
+        return Imported(periods, streams.doubts(), _left_out(file, names))
     except OSError as error:
         raise RecordingError(f"{file} can't be read: {error.strerror or error}") from error
+
+
+def _left_out(file: Path, names: Mapping) -> tuple[str, ...]:
+    """Arrays or columns of the file that the mapping does not name."""
+    words = [one.values for one in names.skin.values()] + ([names.time] if names.time else [])
+    if file.suffix.lower() != ".csv":
+        there = _sizes(file)
+        return tuple(name for name in there if name not in words)
+    with file.open(encoding="utf-8-sig", errors="replace", newline="") as lines:
+        _, head = _head(_bounded(lines, file))
+    used = {head[k] for word in words for k in range(len(head))[_columns(file, head, word)]}
+    return tuple(name for name in head if name not in used)
 
 
 def _frames(
@@ -195,9 +210,7 @@ def _array_rows(file: Path, names: Mapping) -> Iterator[tuple[float, list[Number
 
 def _npz(file: Path, wanted: list[str]) -> dict[str, Numbers]:
     try:
-        with zipfile.ZipFile(file) as members:
-            sizes = {member.filename.removesuffix(".npy"): member.file_size for member in members.infolist()}
-        _permit(file, sizes, wanted)
+        _permit(file, _sizes(file), wanted)
         with np.load(file, allow_pickle=False) as arrays:
             return {name: _numbers(file, name, arrays[name]) for name in wanted}
     except (
@@ -207,18 +220,27 @@ def _npz(file: Path, wanted: list[str]) -> dict[str, Numbers]:
 
 
 def _mat(file: Path, wanted: list[str]) -> dict[str, Numbers]:
-    from scipy.io import loadmat, whosmat
+    from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
 
     try:
-        sizes = {name: 16 * int(np.prod(shape, dtype=object)) for name, shape, _ in whosmat(file)}
-        _permit(file, sizes, wanted)
+        _permit(file, _sizes(file), wanted)
         arrays = loadmat(file, variable_names=wanted)
         return {name: _numbers(file, name, arrays[name]) for name in wanted}
     except NotImplementedError:
         raise RecordingError(f"{file} is a MATLAB file of version 7.3; valid: saved with -v7") from None
     except (MatReadError, ValueError, TypeError, KeyError, OSError, MemoryError, zlib.error) as error:
         raise RecordingError(f"{file} is no MATLAB file that can be read: {error}") from error
+
+
+def _sizes(file: Path) -> dict[str, int]:
+    """Size [bytes] of each array in a file, at most."""
+    if file.suffix.lower() == ".npz":
+        with zipfile.ZipFile(file) as members:
+            return {member.filename.removesuffix(".npy"): member.file_size for member in members.infolist()}
+    from scipy.io import whosmat
+
+    return {name: 16 * int(np.prod(shape, dtype=object)) for name, shape, _ in whosmat(file)}
 
 
 def _permit(file: Path, sizes: dict[str, int], wanted: list[str]) -> None:
@@ -242,9 +264,7 @@ def _csv_rows(file: Path, names: Mapping) -> Iterator[tuple[float, list[Numbers]
     with file.open(encoding="utf-8-sig", errors="replace", newline="") as lines:
         text = _bounded(lines, file)
         try:
-            first = next(text, "")
-            mark = "\t" if "\t" in first else ";" if ";" in first else ","
-            head = [cell.strip() for cell in next(csv.reader([first], delimiter=mark), [])]
+            mark, head = _head(text)
             rows = csv.reader(
                 text if mark == "," else (line.replace(",", ".") for line in text), delimiter=mark
             )
@@ -271,6 +291,13 @@ def _csv_rows(file: Path, names: Mapping) -> Iterator[tuple[float, list[Numbers]
             raise RecordingError(
                 f"{file}: {error}; valid: cells separated by commas, semicolons or tabs"
             ) from None
+
+
+def _head(text: Iterator[str]) -> tuple[str, list[str]]:
+    """What separates the columns of a file, and their names."""
+    first = next(text, "")
+    mark = "\t" if "\t" in first else ";" if ";" in first else ","
+    return mark, [cell.strip() for cell in next(csv.reader([first], delimiter=mark), [])]
 
 
 def _bounded(lines: IO[str], file: Path) -> Iterator[str]:

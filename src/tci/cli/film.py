@@ -27,18 +27,17 @@ def film(
 ) -> None:
     """Film a recording in slow motion (3x).
 
-    The film shows the posture of the robot and the pressure on its skin. What touched it is not in a
-    recording, so it is not drawn. The film has 50 pictures for a second of the recording, and each takes 1 to
-    3 s.
+    The film shows the posture of the robot, the pressure on its skin, and the hand or finger that touched a
+    simulated robot. What touched a real one is not known, so it is not drawn. The film has 50 pictures for a
+    second of the recording, and each takes 1 to 3 s.
 
     Example:  tci film touch.mcap touch.gif --from 0.2 --to 0.9
     """
     from tci.lab.pictures.film import film as film_recording
+    from tci.recording.recording import Recording
 
     pictures = film_recording(file, out, robot=robot, part=part, begin=begin, end=end)
     written(out, {"pictures": pictures}, as_json=as_json)
-    if not as_json:
-        words = (
-            "what touched the robot is not in a recording; with the hand: tci run ... --touch ... --film FILE"
-        )
+    if not as_json and next(Recording(file).touching(), None) is None:
+        words = "this recording does not know what touched the robot, so it is not drawn"
         console.print(words, style="dim", highlight=False, markup=False)

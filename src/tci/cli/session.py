@@ -111,14 +111,18 @@ class Session:
         """
         notes, clock, log = ReasonCounter(), self.driver.clock, self.log
 
+        world = self.driver.world if isinstance(self.driver, SimulatedDriver) else None
+
         def see(tick: Tick) -> None:
             if self.recorder is not None:
+                touching = {} if world is None else world.touching()
                 self.recorder.tick(
                     tick.now,
                     tick.reading,
                     tick.commands,
                     tick.sent if self.driver.armed else None,
                     tick.perception,
+                    touching,
                 )
             log.see(tick)
             self._observe(tick)

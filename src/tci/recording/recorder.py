@@ -13,13 +13,14 @@ import time
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Any, Self
 
 import tci
 from tci.errors import RecordingError, TciError
 from tci.gate.safe_command import SafeCommand
 from tci.messages import JointReading, Order, Perception, Reading, SkinFrame
+from tci.messages.frames import Array
 from tci.recording.clouds import Clouds
 from tci.recording.growing import GrowingMcap
 from tci.recording.names import servo_names
@@ -32,6 +33,7 @@ from tci.recording.schemas import (
     JOINTS,
     SKIN,
     TICK,
+    TRUTH,
     command_bytes,
     decision_bytes,
     imu_bytes,
@@ -39,6 +41,7 @@ from tci.recording.schemas import (
     skin_bytes,
     tick_bytes,
     to_nanoseconds,
+    truth_bytes,
 )
 from tci.robot.description import Robot
 from tci.robot.like import RobotLike, as_robot
@@ -109,11 +112,13 @@ class Recorder:
         commands: Sequence[Order] = (),
         sent: SafeCommand | None = None,
         perception: Perception | None = None,
+        touching: Mapping[str, Array] = MappingProxyType({}),
     ) -> None:
         """Writes one period of the loop. Errors of the disk are stored in `failed` and not raised.
 
         With the `perception` of this period, other programs can show the skin: ten times a second its points
-        and pressures are written too.
+        and pressures are written too. `touching` are the poses (7,) of what touches a simulated robot
+        (`World.touching`), so that a film can draw it.
         """
         if self.failed or not self._open:
             return
@@ -132,6 +137,8 @@ class Recorder:
                 self._file.put("/tci/command", COMMAND, stamp, command_bytes(now, command))
             if sent is not None:
                 self._file.put("/tci/decision", DECISION, stamp, decision_bytes(sent))
+            if touching:
+                self._file.put("/tci/truth", TRUTH, stamp, truth_bytes(now, touching))
             if perception is not None and self._drawn is not None:
                 self._draw(now, perception, self._drawn)
             self._file.flush()

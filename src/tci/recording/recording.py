@@ -41,6 +41,7 @@ from tci.recording.schemas import (
     JOINTS,
     SKIN,
     TICK,
+    TRUTH,
     to_frame,
     to_gravity,
     to_joints,
@@ -150,7 +151,7 @@ class Recording:
             raise RecordingError(
                 f"{self.path} has format {form[:20]!r}; this version of TCI reads {', '.join(_FORMATS)}"
             )
-        kinds = (JOINTS, IMU, SKIN, TICK, CLOUD, *_FORMATS[form])
+        kinds = (JOINTS, IMU, SKIN, TICK, CLOUD, TRUTH, *_FORMATS[form])
         self._kinds = {kind.name: kind for kind in kinds}
 
     @property
@@ -210,7 +211,7 @@ class Recording:
         commands: list[dict[str, Any]] = []
         decision: dict[str, Any] | None = None
         for _, kind, _, data in self.messages():
-            if kind is CLOUD:
+            if kind in (CLOUD, TRUTH):
                 continue
             if waiting is not None and kind in (JOINTS, IMU, SKIN, TICK):
                 yield RecordedTick(*waiting, tuple(commands), decision)
@@ -234,6 +235,15 @@ class Recording:
                 waiting = fields["now"], self._reading(state, fields)
         if waiting is not None:
             yield RecordedTick(*waiting, tuple(commands), decision)
+
+    def touching(self) -> Iterator[tuple[int, dict[str, Array]]]:
+        """Yields the time [ns] and the poses (7,) of what touched a simulated robot, for each period with a
+        touch: as `World.touching`. Raises RecordingError at the first invalid data."""
+        for _, kind, stamp, data in self.messages():
+            if kind is TRUTH:
+                fields = decode(kind, data)
+                poses = fields["poses"].reshape(len(fields["bodies"]), 7)
+                yield stamp, dict(zip(fields["bodies"], poses, strict=True))
 
     def frames(self) -> Iterator[SkinFrame]:
         """Yields every raw frame of the skin, in the order of the file. Raises RecordingError at the first

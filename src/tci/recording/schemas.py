@@ -71,6 +71,12 @@ TICK = MessageType(
     "skin: numbers of the patches whose latest frames were read. "
     f"Modes: {', '.join(mode.value for mode in MODES)}, from 0.",
 )  # fmt: skip
+TRUTH = MessageType(
+    "tci_msgs/msg/Truth",
+    (("string[]", "bodies"), ("float64[]", "poses")),
+    says="What touches a simulated robot: pads of people's hands, and the finger. poses: of each body place\n"
+    "[m] and quaternion w, x, y, z in the world frame of the simulation.",
+)
 COMMAND_1 = MessageType(
     "tci_msgs/msg/Command",
     (
@@ -191,6 +197,11 @@ def tick_bytes(now: float, joints: JointReading, skin: list[int]) -> bytes:
             joints.powered is not None, powered, skin,
         ),
     )  # fmt: skip
+
+
+def truth_bytes(now: float, poses: Mapping[str, Array]) -> bytes:
+    """Encodes a Truth: the pose (7,) of each body that touches the robot, by its name."""
+    return encode(TRUTH, (*header(now), [*poses], np.concatenate([*poses.values()])))
 
 
 def command_bytes(now: float, command: Order) -> bytes:

@@ -168,6 +168,11 @@ class Finger:
         return None if np.isnan(stamp) else stamp
 
     @property
+    def active(self) -> bool:
+        """True from the start of a poke until the finger is removed."""
+        return bool(self._poke["active"])
+
+    @property
     def pose(self) -> Array | None:
         """`T_WF` (4, 4): pose of the tip's centre in the world frame.
 

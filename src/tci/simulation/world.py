@@ -21,7 +21,7 @@ from tci.robot.like import RobotLike, as_robot
 from tci.simulation.finger import RADIUS, Finger
 from tci.simulation.hand import Hand, Hands, Person
 from tci.simulation.hand_model import PersonModel
-from tci.simulation.hand_path import APPROACH
+from tci.simulation.hand_path import APPROACH, PADS
 from tci.simulation.imperfection import Imperfection
 from tci.simulation.joint_torques import JointTorques
 from tci.simulation.obstacle import Obstacle, PlacedObstacle
@@ -30,7 +30,7 @@ from tci.simulation.posed_skin import PosedSkin
 from tci.simulation.scene import build_scene
 from tci.simulation.servos import Servos
 from tci.simulation.taxels import Taxels
-from tci.simulation.touch import ContactTruth, Meeting, contact_truth, meetings
+from tci.simulation.touch import FINGER_TIP, ContactTruth, Meeting, contact_truth, meetings
 from tci.simulation.touching import hands_of, paths_of, people_for
 from tci.skin.surfaces import Surface, surfaces_of
 from tci.support.engine import mujoco
@@ -197,6 +197,25 @@ class World:
                     path, start=self.time + late + one.onset - APPROACH
                 )
         return self.time + late
+
+    @exclusive
+    def touching(self) -> dict[str, Array]:
+        """Poses (7,), place [m] and quaternion, of the pads of all hands at work and of the finger, in the
+        world frame, by the names of their bodies."""
+        names = [f"{hand.name}_{pad}" for hand in self._hand_list if hand.busy for pad in PADS]
+        names += [FINGER_TIP] if self.finger.active else []
+        data = self._physics.data
+        return {name: np.concatenate([data.body(name).xpos, data.body(name).xquat]) for name in names}
+
+    def show_touching(self, data: mujoco.MjData, poses: Mapping[str, Array]) -> None:
+        """Puts what `touching` gave into a copy of MuJoCo's data, for a picture."""
+        for name, pose in poses.items():
+            body = self.model.body(name).id
+            data.xpos[body], data.xquat[body] = pose[:3], pose[3:]
+            mujoco.mju_quat2Mat(data.xmat[body], pose[3:])
+            if name == FINGER_TIP:
+                data.mocap_pos[self.finger.mocap], data.mocap_quat[self.finger.mocap] = pose[:3], pose[3:]
+                data.qpos[self.finger.qpos] = 0.0
 
     def obstacle(self, name: str) -> PlacedObstacle:
         """An obstacle of this world. Raises UnknownNameError for another name."""

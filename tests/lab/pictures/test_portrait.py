@@ -3,15 +3,20 @@ simulation."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from tci.lab.pictures.camera import Camera, look_at, project
+from tci.lab.pictures.film import _people_of
 from tci.lab.pictures.paint import FieldLook
 from tci.lab.pictures.portrait import Moment, Portrait, keep_moment
 from tci.messages import Reading
 from tci.messages.frames import apply
+from tci.recording.recorder import Recorder
+from tci.recording.recording import Recording
 from tci.robot.catalogue import load_robot
 from tci.simulation.world import World
 
@@ -28,6 +33,31 @@ def shared() -> World:
 def nao(shared: World) -> World:
     shared.reset()
     return shared
+
+
+def test_a_recording_shows_hands_and_finger_where_they_were(tmp_path: Path) -> None:
+    """Both as drawn while the world ran, and from the recording alone."""
+    world = World("nao", people=1)
+    world.touch("stroke 'left forearm' 3N 8cm/s")
+    world.finger.poke("right_forearm", 120)
+    world.advance(0.6)
+    recorder, live = Recorder(tmp_path / "touch.mcap", "nao"), moment(world)
+    recorder.tick(world.time, live.reading, touching=world.touching())
+    recorder.close()
+    ((_, poses),) = Recording(recorder.path).touching()
+    assert len(poses) == 7, "six pads and the finger"
+    other = World("nao", people=_people_of(poses))
+    (tick,) = Recording(recorder.path).ticks()
+    other.show(tick.reading.joints.position)
+    shown = keep_moment(other, tick.reading)
+    other.show_touching(shown.data, poses)
+    for portrait, kept in (
+        (Portrait(world, (), full_scale=1e5), live), (Portrait(other, (), full_scale=1e5), shown)
+    ):  # fmt: skip
+        drawn = portrait.pose(kept)
+        for body in poses:
+            np.testing.assert_allclose(drawn.body(body).xpos, live.data.body(body).xpos, atol=2e-4)
+            np.testing.assert_allclose(drawn.body(body).xmat, live.data.body(body).xmat, atol=1e-3)
 
 
 def moment(world: World) -> Moment:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -14,10 +16,13 @@ from tci.lab.pictures.camera import Camera, fit
 from tci.lab.pictures.paint import FULL_SCALE, field_looks
 from tci.lab.pictures.portrait import Portrait, keep_moment, lowest_shown
 from tci.lab.pictures.video import needs_video, save_video
+from tci.messages.frames import Array
 from tci.recording.perceived import Perceived, perceive, recorded_robot
 from tci.recording.recording import Recording
+from tci.recording.schemas import to_nanoseconds
 from tci.robot.like import RobotLike
 from tci.runtime.loop import Tick
+from tci.simulation.hand_model import SIDES, PersonModel
 from tci.simulation.world import World
 
 VIDEO = "mp4"
@@ -35,6 +40,8 @@ LAST = 1.0
 WIDTH, HEIGHT = 440, 480
 AZIMUTH, ELEVATION = 0.5, 0.4
 """Direction [rad] from the robot to the camera."""
+HAND = re.compile(rf"tci_(?P<person>\w+)_(?P<side>{'|'.join(SIDES)})_\w+")
+"""Name of a pad of a hand."""
 MOST = 2000
 """Largest number of pictures in a film."""
 
@@ -64,13 +71,15 @@ class Film:
         self._due = -np.inf
         self._pictures: list[Image.Image] = []
 
-    def see(self, tick: Tick | Perceived) -> None:
+    def see(self, tick: Tick | Perceived, touching: Mapping[str, Array] = MappingProxyType({})) -> None:
         """Adds a picture to the film if EVERY [s] have passed since the last picture. A recorded period must
-        be shown in the world before (`World.show`)."""
+        be shown in the world before (`World.show`), and `touching` is what touched the robot in it
+        (`Recording.touching`)."""
         if tick.now < self._due or len(self._pictures) >= MOST:
             return
         self._due = tick.now + EVERY - 1e-9
         moment = keep_moment(self._world, tick.reading)
+        self._world.show_touching(moment.data, touching)
         if self._camera is None:
             lowest = lowest_shown(self._world.robot, self._part, 0.7)
             points = self._portrait.outline(moment, part=self._part, lowest=lowest)
@@ -119,11 +128,10 @@ def film(
     begin: float = -np.inf,
     end: float = np.inf,
 ) -> int:
-    """Films a recording at a third of its speed: the robot's posture, and the pressure on its skin. Returns
-    the number of pictures.
+    """Films a recording at a third of its speed: the robot's posture, the pressure on its skin, and what
+    touched it. Returns the number of pictures.
 
-    What touched the robot is not in a recording, so it is not drawn; `tci run --film` films a running
-    simulation with the hand or the finger. A picture takes one to three seconds.
+    What touched a real robot is not known, so it is not drawn. A picture takes one to three seconds.
 
     Args:
         recording: recording, or its file.
@@ -148,9 +156,19 @@ def film(
         )
     touched = (contact.part for one in periods for contact in one.perception.contacts)
     shown = found.part(part or next(touched, found.parts[0].name)).name
-    world = World(found)
+    truth = dict(recording.touching())
+    world = World(found, people=_people_of({name for poses in truth.values() for name in poses}))
     made = Film(world, Path(out), fields=default_fields(), part=shown)
     for one in periods:
         world.show(one.reading.joints.position)
-        made.see(one)
+        made.see(one, truth.get(to_nanoseconds(one.now), {}))
     return made.save()
+
+
+def _people_of(bodies: Iterable[str]) -> list[PersonModel]:
+    """Those who have pads with these names (`World.touching`)."""
+    hands: dict[str, set[str]] = {}
+    for body in bodies:
+        if found := HAND.fullmatch(body):
+            hands.setdefault(found["person"], set()).add(found["side"])
+    return [PersonModel(name=name, hands=sorted(sides)) for name, sides in hands.items()]

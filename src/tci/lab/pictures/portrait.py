@@ -80,6 +80,7 @@ class Portrait:
         self._fields = tuple(fields)
         self._full_scale = full_scale
         self._hands = _hands(world, self.model)
+        self._moved = np.flatnonzero(_below(self.model, self._hands)).tolist()
         self.colours = _colours(world, self.model)
         """Colours (ngeom, 4), 0 to 1, of its geoms."""
 
@@ -123,11 +124,14 @@ class Portrait:
         """Returns MuJoCo's data with the poses at a moment. The next call changes the returned object."""
         data, seen = self._data, moment.data
         data.qpos[:], data.mocap_pos[:], data.mocap_quat[:] = seen.qpos, seen.mocap_pos, seen.mocap_quat
-        for pad in np.flatnonzero(np.isin(self.model.body_parentid, self._hands)).tolist():
-            # The simulation turns pads in its own model; each slides along its z axis from there.
-            slid = seen.qpos[self.model.jnt_qposadr[self.model.body_jntadr[pad]]] * seen.xmat[pad, 2::3]
-            self.model.body_pos[pad] = seen.xpos[pad] - seen.xpos[self.model.body_parentid[pad]] - slid
-            self.model.body_quat[pad] = seen.xquat[pad]
+        for body in self._moved:  # the simulation turns hands in its own model; here each is where it was
+            first, count = self.model.body_jntadr[body], self.model.body_jntnum[body]
+            data.qpos[self.model.jnt_qposadr[first : first + count]] = 0.0
+            parent = self.model.body_parentid[body]
+            back = seen.xquat[parent] * [1.0, -1.0, -1.0, -1.0]
+            offset = seen.xpos[body] - seen.xpos[parent]
+            mujoco.mju_rotVecQuat(self.model.body_pos[body], offset, back)
+            mujoco.mju_mulQuat(self.model.body_quat[body], back, seen.xquat[body])
         mujoco.mj_kinematics(self.model, data)
         return data
 

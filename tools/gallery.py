@@ -23,7 +23,7 @@ from tci.simulation.world import World
 from tci.skin.skin import Skin
 
 ROBOTS = ("nao", "nao-plain", "nao-whole", "icub", "icub-whole", "g1", "g1-inspire", "talos", "alex",
-          "franka", "ur5", "so101")  # fmt: skip
+          "franka", "ur5", "so101", "allegro")  # fmt: skip
 GRASPS = {
     "nao-hands": (0.012, (60.0, 20.0, 20.0)),
     "icub-hands": (0.018, (60.0, 70.0, 70.0)),
@@ -228,7 +228,8 @@ def robots(_: Path, images: Path) -> None:
             world = driver.world
             moment = keep_moment(world, driver.read())
             portrait = Portrait(world, looks, full_scale=FULL_SCALE)
-            arms = [part.name for part in world.robot.parts if part.kind == "arm"]
+            parts = world.robot.parts
+            arms = [part.name for part in parts if part.kind == "arm"] or [parts[0].name]
             sides = [portrait.outline(moment, part=arm, lowest=-np.inf) for arm in arms]
             camera = fit(
                 np.concatenate(sides), azimuth=0.5, elevation=0.15, width=300, height=420, margin=0.05,

@@ -34,7 +34,7 @@ class Mended(Wrong):
     ("words", "answer"),
     [
         (("run", "nao", "withdrawal"), "withdrawal is a capability, no robot; valid: tci run withdrawal"),
-        (("demo", "withdrawal"), "valid: tci run withdrawal ROBOT, with ROBOT one of alex, franka, g1"),
+        (("demo", "withdrawal"), "valid: tci run withdrawal ROBOT, with ROBOT one of alex, allegro, franka"),
         (("run", "nao", "mine:Shrug"), "valid: tci run mine:Shrug ROBOT"),
         (("run", "withdrawal", "a/b.urdf"), "a/b.urdf is a model, no description of a robot"),
         (("describe", "B.MJCF"), "valid: the description that tci new-robot B.MJCF writes"),

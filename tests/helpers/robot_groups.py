@@ -6,8 +6,10 @@ from tci.robot.catalogue import robot_names
 
 ARMS = ("franka", "so101", "ur5")
 """Robots that are one arm on a table."""
+HANDS = ("allegro",)
+"""Robots that are one hand, held by a stand."""
 
 
 def two_armed() -> tuple[str, ...]:
     """Names of the packaged robots with two arms."""
-    return tuple(name for name in robot_names() if name not in ARMS)
+    return tuple(name for name in robot_names() if name not in ARMS + HANDS)

@@ -97,19 +97,20 @@ class Finger:
 
 
 def find_fingers(
-    joints: Sequence[Joint], arm: int, side: Side, facts: Mapping[str, JointFacts],
+    joints: Sequence[Joint], arm: int | None, side: Side, facts: Mapping[str, JointFacts],
     tips: Mapping[int, Array], *, trust: str | None = None,
 ) -> tuple[Finger, ...]:  # fmt: skip
-    """Returns the fingers that the joint `arm` carries, in the order of generic fingers; the result is empty
-    for a gripper.
+    """Returns the fingers that the joint `arm` carries, or all of a hand that is alone (None), in the order
+    of generic fingers; the result is empty for a gripper.
 
     `tips` are the ends (3,) [m] of the links, by the index of the joint that moves each link. If names and
     places of fingers contradict each other, `trust` ("names" or "places") decides. Raises
     DoubtfulFingersError if the fingers can't be identified.
     """
-    able = [one for one in carried(joints, arm) if not facts[joints[one].name].stuck]
+    own = range(len(joints)) if arm is None else carried(joints, arm)
+    able = [one for one in own if not facts[joints[one].name].stuck]
     best: list[tuple[int, ...]] = []
-    for palm in able:
+    for palm in [-1, *able] if arm is None else able:
         chains = [_chain(joints, one, able) for one in able if joints[one].parent == palm]
         found = [chain for chain in chains if len(chain) > 1]
         best = found if len(found) > len(best) else best

@@ -67,6 +67,13 @@ class FoundLimbs:
     outward: Array | None = None
     """Unit vector (3,) in the frame H along the pan of an arm that stands alone, away from what carries it;
     None for a humanoid."""
+    hand: Side | None = None
+    """Side of a hand that is alone: all joints are its fingers'."""
+
+    @property
+    def is_humanoid(self) -> bool:
+        """True for a body with two arms."""
+        return len(self.arms) == 2
 
     def behind(self, joint: int) -> list[int]:
         """Returns `joint` and all joints that it carries."""

@@ -13,6 +13,7 @@ from tci.exports.cone import ConeFit
 from tci.lab.authoring.find_fingers import Finger
 from tci.lab.authoring.find_limbs import FoundLimbs
 from tci.lab.authoring.link_points import LinkPoints
+from tci.lab.authoring.proposed_fingers import palm_of
 from tci.lab.authoring.sleeves import cone_patch
 from tci.messages.frames import Array
 from tci.robot.description import GenericPart, Patch
@@ -49,19 +50,19 @@ def hand_skin(
         patches.append(
             cone_patch(name, body, part, finger.name, fit, points, across=finger.axis, pitch=PITCH)
         )
-    wrist = body.joints[body.joints[found[0].chain[0]].parent]
+    link, wrist = palm_of(body, found[0], points)
     others = [finger for finger in found if finger.name != "thumb"]
     bases = np.mean([body.joints[finger.flexion[0]].anchor for finger in others], axis=0)
-    ahead = (bases - wrist.anchor) / np.linalg.norm(bases - wrist.anchor)
+    ahead = (bases - wrist) / np.linalg.norm(bases - wrist)
     palmar = np.sum([finger.palmar for finger in others], axis=0)
     palmar -= ahead * float(ahead @ palmar)
     palmar /= np.linalg.norm(palmar)
-    shape = points.of([wrist.link]) @ body.R_RH
-    along = (shape - wrist.anchor) @ ahead / float(np.linalg.norm(bases - wrist.anchor))
+    shape = points.of([link]) @ body.R_RH
+    along = (shape - wrist) @ ahead / float(np.linalg.norm(bases - wrist))
     near = shape[(along > PAD[0]) & (along < PAD[1])]
-    height = float(np.max((near - wrist.anchor) @ palmar)) if len(near) else HEIGHT
+    height = float(np.max((near - wrist) @ palmar)) if len(near) else HEIGHT
     lift = palmar * (height - 0.5 * ROUND)
-    fit = _cylinder(wrist.anchor + lift, bases + lift, PAD, ROUND)
+    fit = _cylinder(wrist + lift, bases + lift, PAD, ROUND)
     across = np.cross(ahead, palmar)
     patches.append(cone_patch(f"{part.side}_palm", body, part, PALM, fit, points, across=across, pitch=PITCH))
     return patches

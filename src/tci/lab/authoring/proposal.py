@@ -1,4 +1,4 @@
-"""Proposes a description of a robot with two arms or one from its URDF or MJCF alone.
+"""Proposes a description of a robot with two arms, or of one arm or hand, from its URDF or MJCF alone.
 
 The arms are found by geometry, which must fit the definition of the generic arm. Limits are copied from the
 file. Pads that the model has become its skin; without any, sleeves of skin are fitted to the geometry of the
@@ -14,6 +14,7 @@ from pathlib import Path
 from tci.errors import DescriptionError, Fault
 from tci.lab.authoring.assumed_limits import mended, twins_of
 from tci.lab.authoring.find_arm import Mount, find_arm
+from tci.lab.authoring.find_hand import find_hand
 from tci.lab.authoring.find_limbs import FoundLimbs, NoPairError, find_limbs
 from tci.lab.authoring.find_pads import Pad
 from tci.lab.authoring.hand_skin import hand_skin
@@ -77,7 +78,7 @@ def propose(
         "torso_xyz": tuple(round(float(place), 6) for place in xyz),
     }
     model = model.model_copy(update=frame)
-    facts = mended(read_facts(model, points.compiled), twins_of(body) if body.outward is None else {})
+    facts = mended(read_facts(model, points.compiled), twins_of(body) if body.is_humanoid else {})
     hands = find_hands(body, facts, points, str(path), trust=trust_fingers)
     servos = with_followers(_servos(body, facts, points, hands), body, facts, hands)
     index = {servo.joint: servo.index for servo in servos}
@@ -88,22 +89,22 @@ def propose(
     )  # fmt: skip
     parts: list[GenericPart] = []
     patches: list[Patch] = []
-    if body.outward is None:
+    if body.is_humanoid:
         senses = elbow_senses(draft, body, points, index, left=elbow)
         parts += [
             arm(draft, body, _side(name), points, index, sense=senses[name], mount=linear)
             for name in body.arms
         ]
-    else:
+    elif body.arms:
         parts.append(lone_arm(draft, body, points, index, elbow=elbow))
     for made, limb in zip(parts, body.arms.values(), strict=True):
         check_reach(draft, made)
         if cover or (cover is None and not pads):
             patches += sleeves(body, limb, made, points)
-    parts = clear_of_body(draft, parts)
-    if body.outward is None or body.head:
+    parts = clear_of_body(draft, parts) if parts else []
+    if body.is_humanoid or body.head:
         parts.append(middle(body, "head", body.head, index))
-    if body.outward is None:
+    if body.is_humanoid:
         parts.append(middle(body, "torso", body.trunk, index, sense=-1.0 if body.trunk_below else 1.0))
     wrists = [
         hand(draft, body, limb, arm, index) for limb, arm in zip(body.arms.values(), parts, strict=False)
@@ -111,7 +112,8 @@ def propose(
     parts += [one for one in wrists if one is not None]
     for own, found in hands.items():
         parts.append(fingers(draft, body, own, found, facts, points))
-        patches += hand_skin(body, found, parts[-1], points) if skin_on_hands else []
+        bare = body.hand is not None and not pads and cover is not False
+        patches += hand_skin(body, found, parts[-1], points) if skin_on_hands or bare else []
     parts += [leg(draft, body, one, own, points, index) for own, one in body.legs.items()]
     patches += pad_patches(draft, parts, pads, points.compiled)
     return draft.model_copy(update={"parts": tuple(parts), "patches": tuple(patches)})
@@ -126,14 +128,14 @@ def _body(
     mount: Mount | None,
     forward: str | None,
 ) -> FoundLimbs:
-    """The humanoid in a model, or else its one arm."""
+    """The humanoid in a model, or else its one hand or arm."""
     alone = partial(find_arm, model, points, side=side, mount=mount, forward=forward)
     if arms is not None and len(arms) == 1:
         return alone(first=arms[0])
     try:
         return find_limbs(model, points, arms=None if arms is None else (arms[0], arms[1]))
     except NoPairError:
-        return alone()
+        return find_hand(model, side) or alone()
 
 
 def _check_arms(body: FoundLimbs, servos: Iterable[Servo], points: LinkPoints, path: str) -> None:
@@ -166,7 +168,9 @@ def _servos(
     able = driven(body.joints, facts, needed)
     on_head = [one for one in body.devices if set(body.head) & set(ancestors(body.joints, one))]
     groups: dict[str, Iterable[int]] = {"torso": body.trunk[::-1], "head": [*body.head, *on_head]}
-    first = _first if body.outward is None else _own
+    first = _first if body.is_humanoid else _own
+    if body.hand is not None:
+        groups[f"{body.hand}_hand"] = range(len(body.joints))
     groups |= {f"{side}_arm": body.behind(first(body, limb.ball[0])) for side, limb in body.arms.items()}
     groups |= {f"{side}_leg": body.behind(found.chain[0]) for side, found in body.legs.items()}
     named = {joint for group in groups.values() for joint in group}

@@ -46,7 +46,7 @@ def find_hands(
     """Returns the fingers of both hands. `trust` decides if names and places of fingers contradict each
     other. Raises DescriptionError if the fingers of a hand can't be identified; its advice has the values of
     `trust` with which they can."""
-    ends = {name: _tips(body, limb.bend, points) for name, limb in body.arms.items()}
+    ends = {name: _tips(body, start, points) for name, start in _starts(body).items()}
     try:
         return _alike(_find(body, facts, ends, trust))
     except _DoubtfulHandError as doubt:
@@ -60,14 +60,13 @@ class _DoubtfulHandError(Exception):
 
 
 def _find(
-    body: FoundLimbs, facts: Mapping[str, JointFacts], ends: Mapping[str, Mapping[int, Array]],
+    body: FoundLimbs, facts: Mapping[str, JointFacts], ends: Mapping[Side, Mapping[int, Array]],
     trust: Trust | None,
 ) -> Hands:  # fmt: skip
     hands: dict[Side, tuple[Finger, ...]] = {}
-    for name, limb in body.arms.items() if trust != "none" else ():
-        side: Side = "left" if name == "left" else "right"
+    for side, start in _starts(body).items() if trust != "none" else ():
         try:
-            found = find_fingers(body.joints, limb.bend, side, facts, ends[name], trust=trust)
+            found = find_fingers(body.joints, start, side, facts, ends[side], trust=trust)
         except DoubtfulFingersError as doubt:
             raise _DoubtfulHandError(f"fingers of the {side} hand: {doubt}") from None
         if found:
@@ -75,8 +74,23 @@ def _find(
     return hands
 
 
+def _starts(body: FoundLimbs) -> dict[Side, int | None]:
+    """By side, the joint that carries the hand; None for a hand that is alone."""
+    if body.hand is not None:
+        return {body.hand: None}
+    return {"left" if name == "left" else "right": limb.bend for name, limb in body.arms.items()}
+
+
+def palm_of(body: FoundLimbs, finger: Finger, points: LinkPoints) -> tuple[str, Array]:
+    """The link that carries the fingers, and a point (3,) [m] where it begins, in the frame H."""
+    parent = body.joints[finger.chain[0]].parent
+    if parent >= 0:
+        return body.joints[parent].link, body.joints[parent].anchor
+    return body.torso_link, points.link_pose(body.torso_link)[1] @ body.R_RH
+
+
 def _finds(
-    body: FoundLimbs, facts: Mapping[str, JointFacts], ends: Mapping[str, Mapping[int, Array]], trust: Trust
+    body: FoundLimbs, facts: Mapping[str, JointFacts], ends: Mapping[Side, Mapping[int, Array]], trust: Trust
 ) -> bool:
     try:
         _find(body, facts, ends, trust)
@@ -131,9 +145,9 @@ def fingers(
             rows[f"{finger.name}_spread"] = factor, finger.outward * turn.offset + finger.offset
         link, start = body.joints[finger.chain[-1]].link, body.joints[finger.flexion[-1]].anchor
         segments.append(segment(body, points, finger.name, link, start, finger.tip))
-    palm = body.joints[body.joints[found[0].chain[0]].parent]
+    palm, wrist = palm_of(body, found[0], points)
     bases = np.mean([body.joints[finger.flexion[0]].anchor for finger in found], axis=0)
-    segments.append(segment(body, points, PALM, palm.link, palm.anchor, bases))
+    segments.append(segment(body, points, PALM, palm, wrist, bases))
     shared = Counter(servo for factors, _ in rows.values() for servo in factors)
     servos = tuple(
         _generic(draft, id, name, *rows.get(name, ({}, 0.0)), shared) for id, name in enumerate(JOINTS)
@@ -143,19 +157,20 @@ def fingers(
     )
 
 
-def _tips(body: FoundLimbs, arm: int, points: LinkPoints) -> dict[int, Array]:
-    """Returns the end (3,) [m] of each link that the joint `arm` carries, by the index of the joint that
-    moves this link. The ends are in the frame H: x forward, y left, z up.
+def _tips(body: FoundLimbs, arm: int | None, points: LinkPoints) -> dict[int, Array]:
+    """Returns the end (3,) [m] of each link that the joint `arm` carries, or of all (None), by the index of
+    the joint that moves this link. The ends are in the frame H: x forward, y left, z up.
 
     The end is the place of the next joint, or else the far end of the link's geometry. If there is neither,
     the link is assumed to be as long as the previous link.
     """
     ends = {}
-    for one in carried(body.joints, arm):
+    for one in range(len(body.joints)) if arm is None else carried(body.joints, arm):
         joint = body.joints[one]
         after = [other.anchor for other in body.joints if other.parent == one]
         end = points.far_end(joint.link, body.R_RH @ joint.anchor)
-        last = 2.0 * joint.anchor - body.joints[joint.parent].anchor
+        before = body.joints[joint.parent].anchor if joint.parent >= 0 else joint.anchor
+        last = 2.0 * joint.anchor - before
         if end is not None and np.linalg.norm(end @ body.R_RH - joint.anchor) > SHORTEST:
             last = end @ body.R_RH
         ends[one] = after[0] if after else last

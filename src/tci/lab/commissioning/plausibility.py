@@ -357,9 +357,10 @@ def _torques(robot: Robot) -> Iterator[str]:
         dof = int(model.joint(servo.joint).dofadr[0])
         lost = float(model.dof_frictionloss[dof] + model.dof_damping[dof] * speed)
         if lost > torque:
+            free = "; it has neither in simulation" if model.dof_frictionloss[dof] >= torque else ""
             yield (
                 f"{servo.name}: torque limit of {torque:.3g} N m; the model's friction and damping take "
-                f"{lost:.3g} N m at the speed limit of {np.rad2deg(speed):.4g} degrees/s"
+                f"{lost:.3g} N m at the speed limit of {np.rad2deg(speed):.4g} degrees/s{free}"
             )
 
 

@@ -108,7 +108,7 @@ def stray_servos(robot: Robot, parts: Collection[str], sent: Sequence[SafeComman
     In position mode, no command may be sent to such a servo. In the other modes, commands may hold such a
     servo at its angle, since the reflex switches both arms to its mode.
     """
-    mapped = {servo.servo for part in parts for servo in robot.part(part).servos}
+    mapped = {index for part in parts for servo in robot.part(part).servos for index in servo.moved}
     first: dict[int, float] = {}
     stray = set()
     for command in sent:

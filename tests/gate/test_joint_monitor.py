@@ -138,6 +138,24 @@ def test_25_counts_for_a_servo_that_nobody_commands() -> None:
     assert "joint5 jumped" in found[1].text
 
 
+@pytest.mark.parametrize(("speed", "jumps"), [(320.0, False), (200.0, True), (-320.0, True)])
+def test_a_struck_joint_goes_as_fast_as_one_of_its_speeds_says(speed: float, jumps: bool) -> None:
+    """9.2 degrees in 30 ms, from 13 to 321 degrees/s, measured on a plant: the mean of both speeds says 5."""
+    monitor = JointMonitor(ROBOT)
+    first, second = list(readings(still))[:2]
+    before = replace(first, velocity=read_only(np.deg2rad(np.full(6, 13.0))))
+    struck = replace(
+        second,
+        stamp=first.stamp + 0.03,
+        position=read_only(first.position + np.deg2rad([0.0, 0.0, 0.0, 0.0, 0.0, 9.2])),
+        velocity=read_only(np.deg2rad([13.0, 13.0, 13.0, 13.0, 13.0, speed])),
+    )
+    none = Reference(SERVOS[:0], (), np.zeros(0), np.zeros(0))
+    assert monitor.step(before, none) is None
+    found = monitor.step(struck, none)
+    assert (found is not None and found.code is Code.ENCODER_JUMPED) is jumps
+
+
 def test_20_an_encoder_that_stands_still_is_told() -> None:
     def frozen(time: float, angle: float) -> float:
         return angle if time < 0.1 else 0.5 * np.sin(0.14)

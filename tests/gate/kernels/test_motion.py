@@ -137,7 +137,7 @@ def test_it_finds_what_numpy_finds_of_velocities(seed: int) -> None:
     assert {at.DISAGREES, at.FOLLOWS, at.DEAF} <= found
 
 
-@pytest.mark.parametrize("elapsed", [0.0, 0.01])
+@pytest.mark.parametrize("elapsed", [0.0, 0.01, 0.03])
 def test_a_reading_is_noted_and_an_angle_that_jumps_is_found(elapsed: float) -> None:
     random = np.random.default_rng(1)
     count, found = 4, set()
@@ -157,7 +157,8 @@ def test_a_reading_is_noted_and_an_angle_that_jumps_is_found(elapsed: float) -> 
         change = np.abs(angles - before)
         beyond = change - (fastest * max(elapsed, 1e-9) + 0.05)
         led = 0.5 * (speeds + speed_before) * elapsed  # the way that the velocity tells
-        beyond[np.abs(angles - before - led) <= 0.05] = -1.0
+        ends = np.sort([speeds * elapsed, speed_before * elapsed], axis=0) if elapsed > 0.025 else [led, led]
+        beyond[(angles - before >= ends[0] - 0.05) & (angles - before <= ends[1] + 0.05)] = -1.0
         jumped = elapsed > 0.0 and bool((beyond > 0.0).any())
         assert got == (at.JUMPED if jumped else at.FOLLOWS)
         if jumped:

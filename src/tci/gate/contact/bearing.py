@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tci.gate.contact.weights import longest_levers
 from tci.gate.joint_monitor import Reference
@@ -41,7 +40,8 @@ class Bearing:
         self.least = np.where(levers > 0.0, np.maximum(SHARE * limits, BARE * levers), np.inf)
         """Torque (n_servos,) [N m] beyond which what a joint bears more comes from outside."""
         self._velocity = np.zeros(0)
-        self._asked: NDArray[np.intp] = np.zeros(0, np.intp)
+        self._modes: tuple[Mode, ...] = ()
+        self._loose, self._asked = np.zeros(0, bool), np.zeros(0, np.intp)
         self._torques: deque[tuple[float, Array]] = deque()
         self.forget()
 
@@ -54,8 +54,10 @@ class Bearing:
         before, self._velocity = self._velocity, reference.velocity
         if before.shape != self._velocity.shape or np.abs(self._velocity - before).max(initial=0.0) > EVEN:
             self._uneven = now
-        loose = [mode is Mode.TORQUE for mode in reference.modes]
-        self._asked = reference.servos[loose]
+        if reference.modes != self._modes:
+            self._modes = reference.modes
+            self._loose = np.array([mode is Mode.TORQUE for mode in reference.modes], bool)
+        self._asked = reference.servos[self._loose]
 
     @property
     def before(self) -> Array | None:
@@ -68,7 +70,9 @@ class Bearing:
         where one is unknown."""
         if torque is None or before is None:
             return np.zeros(len(self.least))
-        return np.nan_to_num((torque - before) / self.least)
+        found: Array = (torque - before) / self.least
+        found[np.isnan(found)] = 0.0
+        return found
 
     def more(self, joints: JointReading, lag: float) -> Array:
         """What each joint bears more than a moment ago (n_servos,), as multiples of what comes from outside;

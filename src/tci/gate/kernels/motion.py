@@ -162,7 +162,10 @@ def _jump(readings: Readings, limits: Limits, step: float, elapsed: float, worst
         change = abs(readings.angle[i] - readings.angle_before[i])
         beyond = change - (limits.velocity[i] * elapsed + step)
         mean = 0.5 * (readings.speed[i] + readings.speed_before[i])
-        if abs(readings.angle[i] - readings.angle_before[i] - mean * elapsed) <= step:
+        # after a lost reading nobody knows when the velocity changed from the one to the other
+        unknown = 0.5 * abs(readings.speed[i] - readings.speed_before[i]) if elapsed > SELDOM else 0.0
+        agrees = step + unknown * elapsed
+        if abs(readings.angle[i] - readings.angle_before[i] - mean * elapsed) <= agrees:
             continue  # a blow, or a joint that really is too fast: angle and velocity agree
         if beyond > most:
             most, worst[0], worst[1] = beyond, i, change

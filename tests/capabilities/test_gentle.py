@@ -28,6 +28,17 @@ def test_it_presses_with_no_more_than_its_cap_and_then_goes_on(
     assert met.state == "RUN"
 
 
+def test_a_hand_that_comes_and_goes_is_not_taken_for_a_stiff_one() -> None:
+    """It comes by 13 cm with up to 0.2 m/s. The bar of the 95th percentile, 20 N, is not met yet."""
+    met = meet("g1", 1, cap=10.0, stiffness=1.5e3, speed=0.2)
+    assert met is not None
+    assert met.felt
+    assert met.peak > 10.0
+    assert met.late <= 11.0
+    assert met.high <= 30.0
+    assert met.left < 2.0
+
+
 def test_speeds_give_way_to_two_people_at_once() -> None:
     """Whatever is wanted, no contact is pressed further than it may be; where both can't be, the larger
     excess is made small."""

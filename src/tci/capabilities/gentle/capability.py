@@ -3,7 +3,8 @@
 Admittance per contact (Hogan 1985): into what touches it, a point of the skin moves with at most
 (cap - force) / D, so it goes away above the cap and on below. D = 2 k T keeps the loop stable, with the delay
 T of skin, bus and servo; k is the stiffness of the one who is met, learnt from how force rises with the arm's
-own way, and lowered while the force does not fall although the arm goes away.
+own way while the arm is not slower than before, and lowered while the force does not fall although the arm
+goes away: then the other one moves.
 """
 
 from __future__ import annotations
@@ -32,8 +33,9 @@ from tci.messages import (
 )
 from tci.messages.frames import read_only
 
-SOFT, STIFF = 1e3, 75e3
-"""Stiffness [N/m] of people: the pad of a hand, and a hand that is clamped (ISO/TS 15066)."""
+SOFT, STIFF = 4e2, 75e3
+"""Stiffness [N/m] of people: of a hand that follows, so that it feels 40 N s/m, with which arms of 20 to
+43 ms are calm on its pad, and of a hand that is clamped (ISO/TS 15066)."""
 WINDOW = 0.2
 """Time [s] from whose frames the stiffness is learnt."""
 LEAST_WAY = 1.5e-4
@@ -42,6 +44,8 @@ LEARNT = 2.0
 """Time [s] after a contact for which its stiffness is known: whoever was met is still there."""
 STUBBORN = 0.08
 """Time [s] above the cap after which a force that doesn't fall means that the other one follows."""
+FOLLOWS = 1.0
+"""Rise of force [N] within the delay, while the arm goes away, that only somebody who follows it makes."""
 SHARE = 0.3
 """Share of cap / (k T) with which it comes back to somebody whom it knows."""
 EXPECTED = 65.0
@@ -195,10 +199,14 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
         over = min(met.over, now) if total > self.cap else np.inf
         table = np.array(frames)
         rises, ways = table[-1, 1] - table[:-1, 1], table[-1, 2] - table[:-1, 2]
-        told = np.abs(ways) > LEAST_WAY
+        # a stiff one stops the arm, but so does a soft one who comes: what a slower arm feels tells neither
+        pace = np.abs(np.diff(table[:, 2]) / np.maximum(np.diff(table[:, 0]), 1e-6)).max(initial=0.0)
+        told = np.abs(ways) > np.maximum(LEAST_WAY, 0.5 * pace * (now - table[:-1, 0]))
         stiffness = max(met.stiffness, float((rises[told] / ways[told]).max(initial=0.0)))
-        before = table[table[:, 0] <= now - self.delay, 1]
-        if now - over > STUBBORN and before.size and total > 0.9 * before[-1]:
+        before = table[table[:, 0] <= now - self.delay]
+        if len(before) and before[-1, 2] - way > LEAST_WAY and total > before[-1, 1] + FOLLOWS:
+            stiffness = 0.5 * met.stiffness
+        elif len(before) and now - over > STUBBORN and total > 0.9 * before[-1, 1]:
             stiffness *= 0.8
         if not told.any() and met.stiffness == 0.0:
             stiffness = STIFF

@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
+from pyarrow import parquet
 
 from helpers.command_line import tci
 from tci.datasets.teleoperation import import_teleoperation
@@ -128,6 +130,33 @@ def test_humanoid_everyday_on_a_g1_keeps_its_joints(tmp_path: Path) -> None:
         "that of a G1's motors is assumed",
     ):  # fmt: skip
         assert words in said
+
+
+def test_the_copy_of_humanoid_everyday_in_lerobot_fills_up_with_nan(tmp_path: Path) -> None:
+    """Its touch is (pads, 4): where a pad has 3 values, the fourth is NaN."""
+    folder = tmp_path / "everyday"
+    (folder / "meta").mkdir(parents=True)
+    (folder / "data/chunk-000").mkdir(parents=True)
+    info = {"codebase_version": "v2.0.1", "features": {"observation.tactile": {"dtype": "float32"}}}
+    (folder / "meta/info.json").write_text(json.dumps(info))
+    touch = np.arange(FRAMES * 18 * 4, dtype=np.float32).reshape(FRAMES, 18, 4)
+    touch[:, 1:, 3] = np.nan
+    columns = {
+        "timestamp": (np.arange(FRAMES) / 30).astype(np.float32),
+        "observation.tactile": touch.tolist(),
+        "observation.arm_joints": [[0.01 * n for n in range(14)]] * FRAMES,
+        "observation.imu.rpy": [[0.0] * 3] * FRAMES,
+    }
+    parquet.write_table(pa.table(columns), folder / "data/chunk-000/episode_000002.parquet")
+    said = told(folder, tmp_path / "a.mcap", "--episode", "2")
+    frames = read(tmp_path / "a.mcap")[1]
+    assert np.array_equal([f.values for f in frames["pad_0"]], touch[:, 0])
+    assert np.array_equal([f.values for f in frames["pad_17"]], touch[:, 17, :3])
+    assert "pad_17: 1 of 4 values are NaN in all frames: padding, left out" in said
+    assert "observation.imu.rpy" in said
+    assert "pad_0" not in said
+    with pytest.raises(RecordingError, match="no episode 0"):
+        import_teleoperation(folder, tmp_path / "b.mcap", 0, robot=None)
 
 
 def test_an_h1_of_humanoid_everyday_has_other_legs_and_no_touch(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from tci.recording.doubts import Streams
 from tci.recording.importing import FROM_FILE, Imported, Plausibility, import_frames, importing
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
+from tci.support.installed import needs
 
 FILE = "data.json"
 LARGEST = 2**29
@@ -33,6 +34,8 @@ LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
 ARMS = tuple(f"{side}_{joint}" for side in SIDES for joint in ARM)
 LEGS = (*(f"{side}_{joint}" for side in SIDES for joint in LEG), "waist_yaw", "waist_roll", "waist_pitch")
 """Joints in the order of a G1's motors."""
+ORDER = "the order of the joints is not in the file: that of a G1's motors is assumed"
+TACTILE = "observation.tactile"
 INSPIRE = {
     **{f"{finger}_{end}": size for finger in ("little", "ring", "middle", "index")
        for end, size in (("tip", 9), ("top", 96), ("pad", 80))},
@@ -67,7 +70,16 @@ class _Taken:
 
 
 def is_teleoperation(path: Path) -> bool:
-    return (path / FILE).is_file() or any(path.glob(f"episode_*/{FILE}"))
+    return (path / FILE).is_file() or any(path.glob(f"episode_*/{FILE}")) or _is_copy(path)
+
+
+def _is_copy(path: Path) -> bool:
+    """True for the copy of Humanoid Everyday in LeRobot's older format."""
+    try:
+        info = json.loads((path / "meta" / "info.json").read_text(encoding="utf-8"))
+        return str(info["codebase_version"]).lstrip("v").startswith("2.") and TACTILE in info["features"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
 def import_teleoperation(path: Path, out: Path, episode: int, *, robot: Robot | None) -> Imported:
@@ -76,6 +88,8 @@ def import_teleoperation(path: Path, out: Path, episode: int, *, robot: Robot | 
     Without `robot`, joints are left out. With it, joints that the episode lacks rest at the initial posture.
     Raises RecordingError if the episode can't be read, or neither touch nor joints are left.
     """
+    if _is_copy(path):
+        return _write(_copy(path, episode), out, robot, source=f"{path.name}, episode {episode}")
     folder = path
     if not (path / FILE).is_file():
         numbers = {_number(file.parent.name): file.parent for file in path.glob(f"episode_*/{FILE}")}
@@ -99,13 +113,45 @@ def _number(name: str) -> int:
     return int(digits) if digits.isdecimal() else -1
 
 
+def _copy(path: Path, episode: int) -> _Taken:
+    with needs("data sets of LeRobot", "parquet"):
+        import pyarrow as pa
+        from pyarrow import parquet
+    file = next(path.glob(f"data/*/episode_{episode:06d}.parquet"), None)
+    if file is None:
+        raise RecordingError(f"{path} has no episode {episode}; valid: those in {path / 'data'}")
+    used = ("timestamp", TACTILE, "observation.arm_joints", "observation.leg_joints")
+    try:
+        names = parquet.read_schema(file).names
+        table = parquet.read_table(file, columns=[name for name in used if name in names]).to_pydict()
+        taken = _Taken(np.array(table["timestamp"], float).ravel())
+        touch = np.array(table[TACTILE], float)  # (frames, pads, values)
+        pads = touch.shape[1] if touch.ndim == 3 else 0
+    except (OSError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
+        raise RecordingError(f"{file} can't be read: {error}") from error
+    for name, joints in zip(used[2:], (ARMS, LEGS), strict=True):
+        taken.take_joints(name, joints, table.get(name, []))
+    taken.doubts.append(ORDER)
+    taken.touch = {f"pad_{pad}": touch[:, pad] for pad in range(pads)}
+    _doubt_pads(taken, pads)
+    taken.left_out += [name for name in names if name not in used]
+    return taken
+
+
+def _doubt_pads(taken: _Taken, count: int) -> None:
+    if count:
+        taken.doubts.append("pads are counts; which is where on which hand is not in the file")
+    if count == PADS:
+        taken.doubts.append(f"{PADS} pads, and two hands have {2 * PADS}: one of two hands")
+
+
 def _everyday(frames: list[dict[str, Any]]) -> _Taken:
     """Humanoid Everyday: a list of frames, with the time of each."""
     states = [frame["states"] for frame in frames]
     taken = _Taken(np.array([float(frame["time"]) for frame in frames]))
     taken.take_joints("states.arm_state", ARMS, [state.get("arm_state") for state in states])
     taken.take_joints("states.leg_state", LEGS, [state.get("leg_state") for state in states])
-    taken.doubts.append("the order of the joints is not in the file: that of a G1's motors is assumed")
+    taken.doubts.append(ORDER)
     pads = [state.get("hand_pressure_state") or [] for state in states]
     count = len(pads[0]) if pads else 0
     if any(len(one) != count for one in pads):
@@ -118,10 +164,7 @@ def _everyday(frames: list[dict[str, Any]]) -> _Taken:
             taken.left_out.append(f"states.hand_pressure_state {pad}: no numbers")
         else:
             taken.touch[f"pad_{pad}"] = values
-    if count:
-        taken.doubts.append("pads are counts; which is where on which hand is not in the file")
-    if count == PADS:
-        taken.doubts.append(f"{PADS} pads, and two hands have {2 * PADS}: one of two hands")
+    _doubt_pads(taken, count)
     used = {"arm_state", "leg_state", "hand_pressure_state"}
     taken.left_out += [f"states.{name}" for name in states[0] if name not in used] if states else []
     taken.left_out += [name for name in frames[0] if name not in ("states", "time")] if frames else []

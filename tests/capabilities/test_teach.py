@@ -10,7 +10,7 @@ import pytest
 
 import tci
 from helpers.taught import ends_with_a_tap, guide, hands_apart
-from tci.capabilities import Feel, Motion
+from tci.capabilities import ArbiterMemory, Companion, Feel, Layer, Motion
 from tci.capabilities.teach.guide import guided
 from tci.cli.lesson import expect_lesson, save_lesson
 from tci.errors import CommandError, TciError
@@ -149,6 +149,9 @@ def test_a_lesson_is_written_as_a_gesture(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         read_csv(path)[0].postures["left_arm"], written.postures["left_arm"], atol=1e-6
     )
+    layers = ArbiterMemory((Layer(None), Layer(scene.memory)))
+    assert save_lesson(layers, scene.body.robot, tmp_path / "layers.csv") is not None
+    expect_lesson(Companion(), tmp_path / "companion.csv")
     with pytest.raises(CommandError, match=r"wave\.csv exists"):
         expect_lesson(tci.Teach(), path)
     with pytest.raises(CommandError, match=r"valid: tci run teach ROBOT --lesson FILE"):

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from tci.capabilities.arbiter import Arbiter
+from tci.capabilities.arbiter import Arbiter, ArbiterMemory
 from tci.capabilities.attend.capability import Attend
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.capability import Capability
 from tci.capabilities.finger_reflex.capability import FingerReflex
 from tci.capabilities.needs import Need
-from tci.capabilities.teach.capability import Teach
+from tci.capabilities.teach.capability import Taught, Teach
+from tci.capabilities.teach.motion import Motion
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.gestures.gesture import Gesture
 
@@ -50,3 +51,10 @@ class Companion(Arbiter):
     @property
     def needs(self) -> tuple[Need, ...]:
         return (Need("skin on any part"),)
+
+
+def taught_in(memory: object) -> Motion | None:
+    """What was taught last, by the memory of `Teach` or of an `Arbiter` with it; None if nothing was."""
+    if isinstance(memory, ArbiterMemory):
+        return next(filter(None, (taught_in(layer.memory) for layer in memory.layers)), None)
+    return memory.motion if isinstance(memory, Taught) else None

@@ -12,7 +12,7 @@ import pytest
 
 import tci
 from helpers.taught import hands_apart
-from tci.capabilities import Companion
+from tci.capabilities import ArbiterMemory, Companion
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
 from tci.gestures import read_csv
@@ -129,3 +129,30 @@ def test_a_robot_without_the_skin_of_the_show_is_told(tmp_path: Path) -> None:
         show.play(progress=lambda words: None)
     with pytest.raises(TciError, match=r"lightly|most 40"):
         Companion(lightly=40.0)
+
+
+def test_reflex_above_gentle_above_attention_above_a_gesture() -> None:
+    """A gesture that gives way is interrupted by a poke, and then goes on to its end; the head looks."""
+    home = np.array(tci.load_robot("nao").part("left_arm").initial_posture)
+    there = home + np.array([0.3, 0.1, 0.0, 0.2, 0.0])
+    wave = tci.gestures.Gesture([0.0, 1.0], {"left_arm": [home, there]})
+    task = tci.PlayGesture(tci.gestures.fit("nao", wave))
+    layers = tci.Arbiter([tci.Teach(most=8.0), tci.WithdrawalReflex(), tci.Gentle(task), tci.Attend()])
+    seen, said = Seen(), dict[str, None]()
+    with tci.connect("nao", "sim", **WORLD) as driver:
+        driver.world.touch("poke 'left forearm' 20N @1s")
+
+        def listen(memory: ArbiterMemory) -> bool:
+            said.update(dict.fromkeys(layers.notes(memory)))
+            return False
+
+        tci.run(driver, layers, duration=7.0, observe=seen.add, until=listen)
+    assert seen.states == {"RUN"}
+    holds = [note for note in said if note.endswith("holds left_arm")]
+    assert holds[0] == "PlayGesture holds left_arm"
+    assert "WithdrawalReflex holds left_arm" in holds
+    first = seen.touched("left_arm")[0]
+    assert np.abs(seen.way("left_arm", first, 0.4)).max() > 8.0
+    assert np.ptp(seen.postures["head"], axis=0).max() > 25.0
+    end = np.degrees(wave.postures["left_arm"][-1])
+    assert np.abs(seen.postures["left_arm"][-1] - end).max() < 2.0

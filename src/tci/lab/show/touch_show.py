@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from tci.body.generic_body import GenericBody
-from tci.capabilities.companion import Companion
-from tci.capabilities.teach.capability import Taught
+from tci.capabilities.companion import Companion, taught_in
 from tci.drivers.registry import connect
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError
@@ -93,12 +92,12 @@ class TouchShow:
 
 def taught(memory: Any, robot: Robot, file: Path) -> Gesture:
     """What a companion was taught, also written to a file. Raises CommandError if it was taught nothing."""
-    lesson: Taught = memory.layers[0].memory
-    if lesson.motion is None:
+    motion = taught_in(memory)
+    if motion is None:
         raise CommandError(
             f"{robot.name} was taught nothing; valid: skin on the left forearm, and room there"
         )
-    gesture = lesson.motion.gesture(GenericBody(robot))
+    gesture = motion.gesture(GenericBody(robot))
     file.unlink(missing_ok=True)
     write_csv(gesture, file, {part.name: [joint.name for joint in part.servos] for part in robot.parts})
     return gesture

@@ -141,6 +141,20 @@ def test_an_arm_reaches_through_poles_and_presses_none_hard() -> None:
     assert sum(env.step(np.zeros(5))[1] for _ in range(50)) == pytest.approx(0.0, abs=1e-3)
 
 
+def test_what_no_skin_feels_is_pressed_no_harder() -> None:
+    """Who knows of skin alone presses these two poles with 19 and 167 N."""
+    env, forces = TouchEnv("icub", "reach"), list[float]()
+    for seed in (2, 8):
+        env.reset(seed=seed)
+        over = False
+        while not over:
+            _, _, _, over, _ = env.step(env.baseline())
+            met = [one for one in env.world.meetings() if "pole" in one.first + one.second]
+            forces += [one.force for one in met if {"l_upper_arm", "l_hand"} & {one.first, one.second}]
+    assert len(forces) > 100
+    assert np.mean(np.array(forces) < 10.0) > 0.99
+
+
 def test_same_seed_same_episode_and_another_seed_another() -> None:
     env = TouchEnv(noise=1.0, duration=0.6)
 

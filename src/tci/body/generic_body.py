@@ -278,16 +278,8 @@ class GenericBody:
             most: largest speed of each contact point, along the skin's outward normal.
             part: whose joints move, if it only carries the touched ones, as an arm its fingers.
         """
-        speeds, limits = np.array(rates, np.float64), np.asarray(most, np.float64)
         into = np.array([self.jacobian(perception, one, part).T @ one.n_T for one in contacts])
-        sizes = (into**2).sum(axis=1) + 1e-4
-        for _ in range(20):
-            excess = into @ speeds - limits
-            worst = int(excess.argmax())
-            if excess[worst] <= 1e-6:
-                break
-            speeds -= into[worst] * excess[worst] / sizes[worst]
-        return read_only(speeds)
+        return slowed(rates, into, most)
 
     def look_at(self, perception: Perception, point: ArrayLike) -> Look:
         """How to look at `point` (3,) [m] in the torso frame, such as a contact's `p_T`: which part turns,
@@ -381,6 +373,20 @@ class GenericBody:
             except CommandError as error:
                 refused.append(error.reason)
         return platform, refused
+
+
+def slowed(rates: ArrayLike, into: Array, most: ArrayLike) -> Array:
+    """The speeds (n,) [rad/s] nearest to `rates` (n,) with which no speed `into` (c, n) @ rates is above
+    `most` (c,). If not all are possible, the largest excess is as small as 20 corrections make it."""
+    speeds, limits = np.array(rates, np.float64), np.asarray(most, np.float64)
+    sizes = (into**2).sum(axis=1) + 1e-4
+    for _ in range(20):
+        excess = into @ speeds - limits
+        worst = int(excess.argmax())
+        if excess[worst] <= 1e-6:
+            break
+        speeds -= into[worst] * excess[worst] / sizes[worst]
+    return read_only(speeds)
 
 
 def order_to_platform(robot: Robot, order: Order, position: Array) -> PlatformOrder:

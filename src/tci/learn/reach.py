@@ -3,19 +3,19 @@ Jain et al. 2013, doi:10.1177/0278364912471865)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
-from tci.body.generic_body import GenericBody
+from tci.body.generic_body import GenericBody, slowed
 from tci.capabilities.capability import Capability
 from tci.capabilities.policy.observations import Observation, View
 from tci.capabilities.policy.spec import PolicySpec
 from tci.errors import TciError
 from tci.gate.self_collision import SelfCollision
 from tci.learn.task import Scene, TouchTask, nothing
-from tci.messages import Command, GenericCommand, Mode, Perception, SwitchMode
+from tci.messages import Command, Contact, GenericCommand, Mode, Perception, SwitchMode
 from tci.messages.frames import Array, apply, read_only
 from tci.robot.joint_map import joint_map
 from tci.simulation.obstacle import Obstacle
@@ -39,6 +39,13 @@ CLEAR = 0.008
 """Distance [m] from each pole to the arm at the beginning and at the place."""
 BARE = 0.1
 """Distance [arm lengths] from each pole to the way of hand and elbow, where no skin feels it."""
+LATEST = 5
+"""Torques of which the median counts, since a change of speed takes a torque in one period or two."""
+SMOOTH = 0.1
+"""Time constant [s] of torques that no felt contact explains."""
+STARTS = 1.0
+"""Acceleration [rad/s2] with which a robot that listens to torques starts: without a bound it takes its own
+inertia for a pole."""
 SHARES = np.linspace(0.0, 1.0, 9)
 _collisions = lru_cache(maxsize=8)(SelfCollision)
 
@@ -62,10 +69,32 @@ def reach_reward(view: View) -> dict[str, float]:
     return {"way": float(1.0 - left / whole), "load": -max(force / LOAD - 1.0, 0.0)}
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Reaching:
+    """Memory of `ReachThrough`."""
+
+    place: Array
+    """Posture (n,) [rad] at the place."""
+    rest: Array
+    """Torques (n,) [N m] of the generic joints at the start; empty where the robot measures none."""
+    torques: tuple[Array, ...]
+    """The latest `LATEST` torques (n,) [N m]."""
+    unfelt: Array
+    """Torques (n,) [N m] on the joints that felt contacts don't explain, smoothed over `SMOOTH`."""
+    rates: Array
+    """Speeds (n,) [rad/s] that it ordered last."""
+    stamp: float
+    """When that was [s]."""
+
+
 @dataclass(frozen=True)
-class ReachThrough(Capability[Array | None]):
-    """Moves the hand to a place, slowly, and slides along what it meets (`GenericBody.yield_to`). Raises
-    TciError for a number out of range."""
+class ReachThrough(Capability[Reaching | None]):
+    """Moves the hand to a place, slowly, and slides along what it meets (as `GenericBody.yield_to`).
+
+    What no skin feels it notices by joint torques that felt contacts don't explain, on robots that measure
+    torques; the arm is taken to be without weight, as in these worlds. Raises TciError for a number out of
+    range.
+    """
 
     part: str
     goal: tuple[float, ...]
@@ -77,9 +106,14 @@ class ReachThrough(Capability[Array | None]):
     of `delay`."""
     damping: float = 150.0
     """[N s/m]: twice the stiffness of a pole times the delay of skin, gate and servo (0.05 s)."""
+    lever: float = 0.08
+    """Distance [m] from an axis at which it takes an unfelt force to act: half an upper arm. A force that is
+    nearer is larger than it takes it to be."""
+    friction: tuple[float, ...] = ()
+    """Viscous friction [N m s/rad] of each of the robot's servos; empty: none."""
 
     def __post_init__(self) -> None:
-        for name in ("cap", "speed", "damping"):
+        for name in ("cap", "speed", "damping", "lever"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise TciError(f"reach: {name} {getattr(self, name)}; valid: above 0, finite")
 
@@ -90,22 +124,69 @@ class ReachThrough(Capability[Array | None]):
         return (SwitchMode(self.part, Mode.VELOCITY),)
 
     def step(
-        self, memory: Array | None, perception: Perception, body: GenericBody
-    ) -> tuple[tuple[Command, ...], Array]:
-        """The memory is the posture (n,) at the place."""
-        if memory is None:
-            assert perception.joints is not None
-            found, _ = body.reach(self.part).solve(self.goal, perception.joints.position)
-            memory = joint_map(body.robot, self.part).to_generic(found)
-        want = 4.0 * (memory - perception.posture[self.part])
+        self, memory: Reaching | None, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[Command, ...], Reaching]:
+        now = perception.posture[self.part]
+        memory = memory or self._begun(perception, body)
+        elapsed = perception.stamp - memory.stamp
+        want = 4.0 * (memory.place - now)
         length = sum(one.length for one in body.robot.part(self.part).segments)
         want *= min(1.0, self.speed / max(float(np.abs(want).sum()) * length, 1e-9))
-        if own := [one for one in perception.contacts if one.part == self.part]:
-            most = [(self.cap - one.force) / self.damping for one in own]
-            want = body.yield_to(perception, own, want, most)
-        return (GenericCommand(self.part, Mode.VELOCITY, read_only(want)),), memory
+        own = [one for one in perception.contacts if one.part == self.part]
+        into = [body.jacobian(perception, one).T @ one.n_T for one in own]
+        most = [(self.cap - one.force) / self.damping for one in own]
+        memory = self._listen(memory, own, elapsed, perception, body)
+        unfelt = memory.unfelt
+        if (size := float(np.linalg.norm(unfelt))) > 0.0:
+            into.append(-self.lever * unfelt / size)
+            most.append((self.cap - size / self.lever) / self.damping)
+        if into:
+            want = slowed(want, np.array(into), most)
+        if memory.rest.size:
+            faster = np.where(want * memory.rates < 0.0, 0.0, np.abs(memory.rates)) + STARTS * elapsed
+            want = np.clip(want, -faster, faster)
+        memory = replace(memory, rates=read_only(want), stamp=perception.stamp)
+        return (GenericCommand(self.part, Mode.VELOCITY, memory.rates),), memory
 
-    def claims(self, memory: Array | None) -> frozenset[str]:
+    def _begun(self, perception: Perception, body: GenericBody) -> Reaching:
+        assert perception.joints is not None
+        found, _ = body.reach(self.part).solve(self.goal, perception.joints.position)
+        place = joint_map(body.robot, self.part).to_generic(found)
+        rest, still = self._torques(perception, body), np.zeros(len(place))
+        return Reaching(place, rest, (), np.zeros(rest.size), still, perception.stamp)
+
+    def _listen(
+        self, memory: Reaching, felt: list[Contact], elapsed: float, perception: Perception, body: GenericBody
+    ) -> Reaching:
+        """What the torques say."""
+        if not memory.rest.size:
+            return memory
+        torques = (*memory.torques, self._torques(perception, body))[-LATEST:]
+        unfelt = memory.rest - np.median(torques, axis=0)
+        for one in felt:
+            unfelt = unfelt - body.jacobian(perception, one).T @ one.f_T
+        share = 1.0 - np.exp(-elapsed / SMOOTH)
+        return replace(memory, torques=torques, unfelt=memory.unfelt + share * (unfelt - memory.unfelt))
+
+    def _torques(self, perception: Perception, body: GenericBody) -> Array:
+        """Torques (n,) [N m] that hold the generic joints, without friction; empty if the robot measures
+        none: it has no torque mode, and nobody knows its servos' torques. A simulated NAO tells what no NAO
+        does."""
+        joints, own = perception.joints, joint_map(body.robot, self.part)
+        assert joints is not None
+        servos = [body.robot.servos[servo] for servo in own.servos]
+        able = all(Mode.TORQUE in one.modes or "torque" not in one.limits.assumed for one in servos)
+        if not able or joints.torque is None or not np.isfinite(joints.torque[own.servos]).all():
+            return np.zeros(0)
+        torque = joints.torque
+        if self.friction:
+            torque = torque - np.array(self.friction) * joints.velocity
+        found = np.zeros(len(perception.posture[self.part]))
+        slope = own.slope(joints.position)
+        found[own.ids] = np.linalg.lstsq(slope.T, torque[own.servos], rcond=None)[0]
+        return found
+
+    def claims(self, memory: Reaching | None) -> frozenset[str]:
         return frozenset({self.part})
 
 
@@ -183,7 +264,10 @@ def _apart(points: Array, at: Array, along: Array) -> float:
 
 
 def _baseline(scene: Scene) -> ReachThrough:
-    return ReachThrough(scene.part, tuple(scene.goal.tolist()))
+    model = scene.world.model
+    names = [servo.joint for servo in scene.robot.servos]
+    friction = [0.0 if name is None else float(model.joint(name).damping[0]) for name in names]
+    return ReachThrough(scene.part, tuple(scene.goal.tolist()), friction=tuple(friction))
 
 
 REACH = TouchTask(

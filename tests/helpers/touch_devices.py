@@ -5,13 +5,20 @@ from __future__ import annotations
 
 import json
 import logging
+import os
+import secrets
 import socket
 import struct
+import subprocess
+import sys
 import threading
 import time
 from abc import ABC, abstractmethod
 from contextlib import suppress
 from typing import ClassVar
+
+from helpers import HELPERS
+from helpers.dds_domains import DOMAINS, LOOPBACK
 
 
 def free_port() -> int:
@@ -211,6 +218,38 @@ class TcpLines(Lines):
                 time.sleep(self.period)
         for link in links:
             link.close()
+
+
+class Ros2Topic(TouchDevice):
+    """A node that publishes numbers on a topic of ROS 2."""
+
+    pads: ClassVar = {"pad": 16}
+    needs = "cyclonedds"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._domain, self._topic = next(DOMAINS), f"/n{secrets.token_hex(4)}"
+        os.environ |= {"ROS_DOMAIN_ID": str(self._domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+
+    @property
+    def via(self) -> str:
+        return f"array:ros2://{self._topic}"
+
+    def serve(self) -> None:
+        words = [sys.executable, str(HELPERS / "ros2_one_topic.py"), self._topic, str(self._domain)]
+        own = os.environ | {"CYCLONEDDS_URI": LOOPBACK}
+        node = subprocess.Popen(words, env=own, stdin=subprocess.PIPE, text=True)
+        assert node.stdin is not None
+        while self._in.is_set():
+            self.late()
+            values = self.values["pad"][: -1 if self.short else None]
+            if self.lose:
+                self.lose -= 1
+            else:
+                print(*values, file=node.stdin, flush=True)
+            time.sleep(0.02)
+        node.kill()
+        node.wait()
 
 
 class Linkerhand(TouchDevice):

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from helpers import HELPERS
-from helpers.dds_domains import DOMAINS
+from helpers.dds_domains import DOMAINS, LOOPBACK
 from helpers.ros_robots import anywhere
 from tci.drivers.diagnosis import Level
 from tci.drivers.registry import source_at
@@ -23,12 +23,6 @@ from tci.errors import DriverError, FrameError
 from tci.shared.ros_types import fields_of, message_type
 from tci.sources.array.path import FieldPath
 
-URI = (
-    "<CycloneDDS><Domain id='any'><General><Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces>"
-    "<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
-    "<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex><Peers><Peer address='127.0.0.1'/></Peers>"
-    "</Discovery></Domain></CycloneDDS>"
-)
 MADE = {
     "xela_server_ros2/msg/Taxel": "uint16 x\nuint16 y\nuint16 z",
     "xela_server_ros2/msg/Forces": "float32 x\nfloat32 y\nfloat32 z",
@@ -85,7 +79,7 @@ def published(request: pytest.FixtureRequest) -> Iterator[str]:
         patched.setenv("ROS_DOMAIN_ID", str(number))
         patched.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         words = [sys.executable, str(HELPERS / "ros2_publisher.py"), namespace, request.param, str(number)]
-        process = subprocess.Popen(words, env=os.environ | {"CYCLONEDDS_URI": URI})
+        process = subprocess.Popen(words, env=os.environ | {"CYCLONEDDS_URI": LOOPBACK})
         yield namespace
         process.kill()
         process.wait()

@@ -18,7 +18,7 @@ import pytest
 from typer.testing import CliRunner
 
 from helpers.serial_devices import SERIAL_DEVICES
-from helpers.touch_devices import InspireHand, Linkerhand, TcpLines, TouchDevice, UdpLines, Xela
+from helpers.touch_devices import InspireHand, Linkerhand, Ros2Topic, TcpLines, TouchDevice, UdpLines, Xela
 from tci.cli.main import app
 from tci.drivers.diagnosis import Level
 from tci.drivers.registry import SOURCES, load_source, source_at
@@ -27,7 +27,15 @@ from tci.drivers.sourced import Address
 from tci.errors import DriverError
 
 pytestmark = pytest.mark.timeout(60)
-DEVICES: list[type[TouchDevice]] = [InspireHand, TcpLines, UdpLines, Linkerhand, Xela, *SERIAL_DEVICES]
+DEVICES: list[type[TouchDevice]] = [
+    InspireHand,
+    TcpLines,
+    UdpLines,
+    Ros2Topic,
+    Linkerhand,
+    Xela,
+    *SERIAL_DEVICES,
+]
 
 
 def reader_of(device: TouchDevice) -> SourceReader:
@@ -175,6 +183,12 @@ def test_who_is_not_there_is_named() -> None:
         address = Address.of(via)
         with pytest.raises(DriverError, match=f"^{via}"):
             SourceReader(via, address.make(load_source(address.name)), {"palm": 5})
+
+
+def test_every_source_is_held_to_this_contract() -> None:
+    assert {one.name for one in entry_points(group=SOURCES)} == {
+        Address.of(device().via).name for device in DEVICES
+    }
 
 
 def test_sources_load_no_simulation() -> None:

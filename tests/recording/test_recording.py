@@ -81,6 +81,15 @@ def test_a_cut_begins_with_what_was_known(tmp_path: Path) -> None:
     assert all(equal_readings(a.reading, b.reading) for a, b in zip(found, kept, strict=True))
 
 
+def test_a_recording_whose_process_was_killed_is_made_whole_for_other_programs(tmp_path: Path) -> None:
+    write(tmp_path / "a.mcap", 1500, closed=False)
+    cut(tmp_path / "a.mcap", tmp_path / "b.mcap")
+    with (tmp_path / "b.mcap").open("rb") as file:
+        found = [one for one in StreamReader(file, validate_crcs=True).records if isinstance(one, Message)]
+    assert len(found) == 3 * 1500
+    assert Recording(tmp_path / "b.mcap").topics()["/tci/tick"].messages == 1500
+
+
 @pytest.mark.parametrize("closed", [True, False])
 def test_58_cut_off_anywhere_it_gives_whole_periods_or_one_error(closed: bool, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"

@@ -20,7 +20,7 @@ def test_a_log_of_an_icubs_foot_keeps_every_value_and_time(
 ) -> None:
     log = skin_data.file(f"recordings/icub_right_foot_raw_{number}.log")
     rows = np.loadtxt(log)
-    assert import_yarp_log(log, tmp_path / "foot.mcap", patch="right_foot") == len(rows)
+    assert import_yarp_log(log, tmp_path / "foot.mcap", patch="right_foot").periods == len(rows)
     frames = list(Recording(tmp_path / "foot.mcap").frames())
     np.testing.assert_array_equal([frame.sequence for frame in frames], rows[:, 0])
     np.testing.assert_array_equal([frame.stamp for frame in frames], rows[:, 1])
@@ -30,7 +30,7 @@ def test_a_log_of_an_icubs_foot_keeps_every_value_and_time(
 
 def test_a_folder_of_the_dumper_and_a_log_that_is_no_skin(tmp_path: Path) -> None:
     (tmp_path / "data.log").write_text("1 10.5 1 2 3\n\n2 10.6 4 5 6\n")
-    assert import_yarp_log(tmp_path, tmp_path / "a.mcap", patch="p") == 2
+    assert import_yarp_log(tmp_path, tmp_path / "a.mcap", patch="p").periods == 2
     for text, match in (
         ("", "empty"), ("1 2.0 ((4 5))\n", "line 1"), ("1 2.0 1\n1 nan 1\n", "line 2"), ("1\n", "line 1"),
         ("1 2.0\n", "line 1"), ("-1 2.0 1\n", "line 1"), ("1 2.0 " + "1 " * 2**20, "longer"),
@@ -39,6 +39,17 @@ def test_a_folder_of_the_dumper_and_a_log_that_is_no_skin(tmp_path: Path) -> Non
         with pytest.raises(RecordingError, match=match):
             import_yarp_log(tmp_path, tmp_path / "b.mcap", patch="p")
     assert [path.name for path in tmp_path.glob("*.mcap*")] == ["a.mcap"]
+
+
+def test_a_second_time_in_each_line_is_no_taxel(tmp_path: Path) -> None:
+    """yarpdatadumper with the options txTime and rxTime writes both times."""
+    lines = [f"{k} {1.7e9 + 0.02 * k:.6f} {1.7e9 + 0.02 * k + 0.003:.6f} {k} 240" for k in range(5)]
+    (tmp_path / "data.log").write_text("\n".join(lines))
+    done = import_yarp_log(tmp_path, tmp_path / "a.mcap", patch="p")
+    assert done.left_out == ("the second time of each line: the dumper wrote two",)
+    frames = list(Recording(tmp_path / "a.mcap").frames())
+    assert [frame.values.tolist() for frame in frames] == [[k, 240] for k in range(5)]
+    assert frames[4].stamp == pytest.approx(1.7e9 + 0.08, abs=1e-6)
 
 
 @pytest.fixture

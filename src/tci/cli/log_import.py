@@ -11,6 +11,7 @@ from tci.cli import completion
 from tci.cli.options import AsJson, NewRecording
 
 if TYPE_CHECKING:
+    from tci.recording.contact_list import ImportedContacts
     from tci.recording.contact_tables import TableFit
     from tci.recording.importing import Imported
     from tci.robot.description import Robot
@@ -67,7 +68,6 @@ def import_(
 
     Example:  tci log import push_a_cart/episode_0 touch.mcap g1
     """
-    from tci.cli.console import console, written
     from tci.datasets.open_x_tactile import import_oxt, is_oxt
     from tci.datasets.teleoperation import import_teleoperation, is_teleoperation
     from tci.errors import RecordingError
@@ -78,8 +78,6 @@ def import_(
     from tci.robot.catalogue import load_robot
 
     words: Robot | None = None if robot is None else load_robot(robot)
-    counts: dict[str, Any]
-    fits: tuple[TableFit, ...] = ()
     if not log.exists():
         raise RecordingError(f"{log} does not exist; valid: a log, a bag or arrays")
     if is_teleoperation(log):
@@ -116,13 +114,18 @@ def import_(
                 f"valid: tci log import {log} {out} ROBOT"
             )
         listed = import_contact_list(log, out, words, tables=tables)
-        fits = listed.parts
-        counts = {"periods": listed.periods, "contacts_left_out": listed.left_out}
+        _tell_contacts(listed, out, as_json=as_json)
     else:
-        counts = {"frames": import_yarp_log(log, out, patch=patch, robot=words)}
-    more = {"parts": [_facts(fit) for fit in fits]} if fits else {}
+        _tell(import_yarp_log(log, out, patch=patch, robot=words), out, what="frames", as_json=as_json)
+
+
+def _tell_contacts(listed: ImportedContacts, out: Path, *, as_json: bool) -> None:
+    from tci.cli.console import console, written
+
+    counts = {"periods": listed.periods, "contacts_left_out": listed.left_out}
+    more = {"parts": [_facts(fit) for fit in listed.parts]} if listed.parts else {}
     written(out, counts, more, as_json=as_json)
-    for fit in () if as_json else fits:
+    for fit in () if as_json else listed.parts:
         colour = {"fits": "green", "wrong": "red"}.get(fit.verdict, "yellow")
         console.print(_sentence(fit), style=colour, highlight=False, markup=False)
 

@@ -11,6 +11,8 @@ QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 KEPT = 4096
 """Rows, evenly spaced, from which quantiles are taken. Assumed: enough for the 1 % quantile; exact for sets
 that are no longer."""
+MEMORY = 2**23
+"""Size [bytes] of these rows, at most: of wide columns, such as raw skin, fewer rows are kept."""
 
 
 class Statistics:
@@ -62,6 +64,7 @@ class Statistics:
 
     def _keep(self, rows: NDArray[Any]) -> None:
         self._kept.append(rows.copy())
-        if sum(map(len, self._kept)) > 2 * KEPT:
+        most = min(KEPT, max(1, MEMORY // max(1, rows[:1].nbytes)))
+        while sum(map(len, self._kept)) > 2 * most:
             self._kept = [np.concatenate(self._kept)[::2]]
             self._every *= 2

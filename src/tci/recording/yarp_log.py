@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +12,12 @@ import numpy as np
 from tci.errors import RecordingError
 from tci.messages import SkinFrame
 from tci.messages.frames import read_only
-from tci.recording.importing import LONGEST_LINE, import_frames
+from tci.recording.doubts import Streams
+from tci.recording.importing import FIRST, LONGEST_LINE, Imported, import_frames
 from tci.robot.description import Robot
+
+DELAY = 10.0
+"""Longest time [s] between sending and receiving a message that was logged. Assumed."""
 
 
 def log_file(log: Path) -> Path:
@@ -76,11 +82,26 @@ def _frame(line: str, patch: str, where: str) -> SkinFrame:
     return SkinFrame(patch, stamp, sequence, values)
 
 
-def import_yarp_log(log: Path, out: Path, *, patch: str, robot: Robot | None = None) -> int:
-    """Converts a log of numbers to a recording and returns the number of frames.
+def import_yarp_log(log: Path, out: Path, *, patch: str, robot: Robot | None = None) -> Imported:
+    """Converts a log of numbers to a recording.
 
     If no robot is given, the recording can be viewed and exported, but not replayed. Raises RecordingError if
     the log can't be read or is not of the patch `patch`.
     """
-    frames = ((frame,) for frame in read_yarp_log(log, patch=patch))
-    return import_frames(frames, out, robot, middleware="yarp", source=f"yarpdatadumper {log.name}")
+    frames = read_yarp_log(log, patch=patch)
+    first = list(islice(frames, FIRST))
+    twice = bool(first) and all(map(_has_second_stamp, first))
+    every = (
+        (replace(frame, values=read_only(frame.values[1:])) if twice else frame,)
+        for frame in chain(first, frames)
+    )
+    streams, source = Streams(chosen=True), f"yarpdatadumper {log.name}"
+    periods = import_frames(streams.watch(every), out, robot, middleware="yarp", source=source)
+    left_out = ("the second time of each line: the dumper wrote two",) if twice else ()
+    return Imported(periods, streams.doubts(), left_out)
+
+
+def _has_second_stamp(frame: SkinFrame) -> bool:
+    """True if the first value is a time, as the dumper writes with the options txTime and rxTime: both are
+    seconds since 1970, and no sensor counts so high."""
+    return len(frame.values) > 1 and frame.stamp > 1e8 and bool(abs(frame.values[0] - frame.stamp) < DELAY)

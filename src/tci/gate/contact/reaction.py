@@ -24,7 +24,7 @@ from tci.gate.contact.felt import Felt, FeltForces
 from tci.gate.contact.following import CLEAR, PROGRESS, Following
 from tci.gate.contact.noticing import EARLIER, SIGN, Noticing, Seen, bounds
 from tci.gate.contact.others import First
-from tci.gate.contact.path import Path
+from tci.gate.contact.path import STEP, Path
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.contact.softness import LIGHT, Softness
 from tci.gate.contact.weights import Sag, bends
@@ -115,6 +115,9 @@ class _Group:
         return goal
 
 
+STILL = 0.5
+"""Fraction of the torque that counts from which on a joint still presses after a way back: twice what dry
+friction is that turned."""
 DOES = {"retreat": "goes back", "soft": "gives way", "stop": "stops"}
 
 
@@ -391,9 +394,9 @@ class ContactReaction:
         held = bool(((seen.errors > clear) & (np.abs(seen.pull - group.sag.bent) > clear)).any())
         # a joint that nobody commands may have been moved on purpose: it is a reason to go on, not to wait
         bent = (bool(group.path) or group.first.steps > 0) and seen.bent > settings.held
-        pressed = bool((np.abs(seen.bears) > 1.0).any())
-        behind = pressed and group.first.may_turn and float(np.dot(seen.bears, group.push)) < -SIGN
-        pressed = behind or (pressed and bool(group.path))
+        most = float(np.abs(seen.bears).max())
+        behind = most > 1.0 and group.first.may_turn and float(np.dot(seen.bears, group.push)) < -SIGN
+        pressed = behind or (most > STILL and bool(group.path))
         if held or bent or pressed or seen.felt.force > LIGHT:
             group.free = None
             if group.answer == "stop" and not group.slow:
@@ -405,7 +408,9 @@ class ContactReaction:
                     leaves = group.first.steps > 0
                     return group.goes(group.first.room(here)) if leaves else self._leave(group, seen)
                 if group.path:
-                    return group.goes(self._back(group, seen, np.inf, pulled=held))
+                    goal = self._back(group, seen, np.inf, pulled=held)
+                    if np.abs(goal - here).max() > STEP:
+                        return group.goes(goal)
                 if bent and not held:
                     return group.goes(group.first.room(here))
             # nowhere to go: the reference goes where the joint is, and as far again if no weight bent it so

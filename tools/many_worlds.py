@@ -1,16 +1,18 @@
 """How many steps of 20 ms a second many touched worlds make, with skin and without: a table, or JSON.
 
     python tools/many_worlds.py icub --engine warp --worlds 1024 4096 --json out.json
-    python tools/many_worlds.py icub --plot docs/tables/many-worlds.json docs/images/many-worlds.png
+    python tools/many_worlds.py nao icub g1 --worlds 32 --threads 1 --modes bare skin
+    python tools/many_worlds.py --plot docs/tables/many-worlds.json docs/images/many-worlds.png
 
 Every world is poked at another place, and gets new targets for all servos in every step, as a policy would
-send them. "bare": neither taxels nor contact sensors, in the same scene; "sensors": contact sensors of
-MuJoCo, no taxels; "skin": all.
+send them. Also told is how many steps they make in a second of processor time. "bare": neither taxels nor
+contact sensors, in the same scene; "sensors": contact sensors of MuJoCo, no taxels; "skin": all.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import platform
 import sys
@@ -76,7 +78,7 @@ def rate(scene: BatchScene, count: int, mode: str, args: argparse.Namespace) -> 
         worlds.send(moves[0])
         worlds.advance(PERIOD)
     wait()
-    warm = time.perf_counter() - begun
+    warm, processor = time.perf_counter() - begun, time.process_time()
     for block in range(args.blocks):
         begun = time.perf_counter()
         for k in range(args.steps):
@@ -86,16 +88,18 @@ def rate(scene: BatchScene, count: int, mode: str, args: argparse.Namespace) -> 
         speeds.append(count * args.steps / (time.perf_counter() - begun))
         if mode == "skin" and block == args.blocks - 1:
             touched = float(worlds.force.any(axis=1).mean())
+    processor = count * args.steps * args.blocks / (time.process_time() - processor)
     spread = (max(speeds) - min(speeds)) / float(np.median(speeds))
     return {
         "robot": scene.robot.name, "worlds": count, "taxels": scene.taxels, "step": scene.step, "mode": mode,
         "steps_per_second": float(np.median(speeds)), "spread": spread, "touched": touched, "warm": warm,
+        "per_processor_second": processor,
     }  # fmt: skip
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("robot")
+    parser.add_argument("robots", nargs="*")
     parser.add_argument("--engine", choices=("mujoco", "warp"), default="mujoco")
     parser.add_argument("--device", help="of Warp; by default the first GPU")
     parser.add_argument("--threads", type=int, default=0)
@@ -111,8 +115,8 @@ def main() -> None:
         plot(*args.plot)
         return
     rows = []
-    for step in args.step:
-        scene = batch_scene(args.robot, step=step)
+    for robot, step in itertools.product(args.robots, args.step):
+        scene = batch_scene(robot, step=step)
         for count in args.worlds:
             base = 0.0
             for mode in args.modes:
@@ -121,10 +125,10 @@ def main() -> None:
                 row["times_first"] = base / row["steps_per_second"]
                 rows.append(row | {"device": device_name(args)})
                 print(
-                    f"{args.robot} {count} worlds {step * 1e3:g} ms {mode:8} "
+                    f"{robot} {count} worlds {step * 1e3:g} ms {mode:8} "
                     f"{row['steps_per_second']:10.0f}/s "
                     f"x{row['times_first']:.3f} spread {row['spread']:.2f} touched {row['touched']:.2f} "
-                    f"warm {row['warm']:.1f} s",
+                    f"warm {row['warm']:.1f} s, {row['per_processor_second']:.0f} per processor second",
                     flush=True,
                 )
                 if args.json:
@@ -132,25 +136,40 @@ def main() -> None:
 
 
 def plot(measured: Path, picture: Path) -> None:
-    """Draws steps a second over worlds, with skin and without."""
+    """Draws steps a second over worlds, and steps a second of processor time over taxels, with skin and
+    without."""
     import matplotlib.pyplot as plt
 
     rows = json.loads(measured.read_text())
-    figure, axes = plt.subplots(figsize=(7.0, 4.2), layout="constrained")
-    kinds = dict.fromkeys((row["device"], row["step"]) for row in rows)
-    for colour, (device, step) in enumerate(kinds):
+    figure, (many, felt) = plt.subplots(1, 2, figsize=(11.0, 4.2), layout="constrained", width_ratios=(3, 2))
+    robots = [row for row in rows if "per_processor_second" in row]
+    others = [row for row in rows if row not in robots]
+    for colour, (device, step) in enumerate(dict.fromkeys((row["device"], row["step"]) for row in others)):
         for mode, line in (("skin", "o-"), ("bare", "o:")):
-            own = [r for r in rows if (r["device"], r["step"], r["mode"]) == (device, step, mode)]
+            own = [r for r in others if (r["device"], r["step"], r["mode"]) == (device, step, mode)]
             own.sort(key=lambda row: row["worlds"])
             name = f"{own[0]['taxels']} taxels" if mode == "skin" else "without skin"
-            axes.loglog(
+            many.loglog(
                 [r["worlds"] for r in own], [r["steps_per_second"] for r in own], line, color=f"C{colour}",
                 label=f"{device}, {step * 1e3:g} ms, {name}",
             )  # fmt: skip
-    axes.set_xlabel("worlds")
-    axes.set_ylabel("steps of 20 ms per second")
-    axes.grid(alpha=0.3, which="both")
-    axes.legend(fontsize=8)
+    many.set(xlabel="worlds", ylabel="steps of 20 ms per second", title="icub")
+    robots.sort(key=lambda row: row["taxels"])
+    for mode, name, fill in (("skin", "with skin", "C3"), ("bare", "without", "none")):
+        own = [row for row in robots if row["mode"] == mode]
+        speeds = [row["per_processor_second"] for row in own]
+        felt.plot([row["taxels"] for row in own], speeds, "o", color="C3", mfc=fill, label=name)
+    for row in robots:
+        if row["mode"] == "skin":
+            felt.annotate(
+                f"{row['robot']} ", (row["taxels"], row["per_processor_second"]), fontsize=8, ha="center",
+                va="top", xytext=(0, -6), textcoords="offset points",
+            )  # fmt: skip
+    felt.set(xlabel="taxels in each world", ylabel="steps of 20 ms per second of a processor", ylim=(0, None))
+    felt.set_title("robots, 32 worlds each")
+    for axes in (many, felt):
+        axes.grid(alpha=0.3, which="both")
+        axes.legend(fontsize=8)
     figure.savefig(picture, dpi=110)
 
 

@@ -216,6 +216,7 @@ class NamedRobot:
         self._picture: Sees | None = None
         if self._size is not None and isinstance(driver, SimulatedDriver):
             self._picture = head_camera(driver.world, self._size)
+            self._picture(driver.read())  # the first one takes seconds
         self._seen: Perception | None = None
         self._before: Perception | None = None
         self._guided = dict[str, Guided]()

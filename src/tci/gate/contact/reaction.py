@@ -118,6 +118,8 @@ class _Group:
 STILL = 0.5
 """Fraction of the torque that counts from which on a joint still presses after a way back: twice what dry
 friction is that turned."""
+SWINGS = 0.5
+"""Share of what a joint bears that counts while its part still swings after a way back."""
 DOES = {"retreat": "goes back", "soft": "gives way", "stop": "stops"}
 
 
@@ -394,7 +396,9 @@ class ContactReaction:
         held = bool(((seen.errors > clear) & (np.abs(seen.pull - group.sag.bent) > clear)).any())
         # a joint that nobody commands may have been moved on purpose: it is a reason to go on, not to wait
         bent = (bool(group.path) or group.first.steps > 0) and seen.bent > settings.held
-        most = float(np.abs(seen.bears).max())
+        # a joint that still swings bears its own motion, too
+        rests = bool((np.abs(seen.joints.velocity[seen.servos]) < MOVES).all())
+        most = float(np.abs(seen.bears).max()) * (1.0 if rests else SWINGS)
         behind = most > 1.0 and group.first.may_turn and float(np.dot(seen.bears, group.push)) < -SIGN
         pressed = behind or (most > STILL and bool(group.path))
         if held or bent or pressed or seen.felt.force > LIGHT:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -12,14 +10,13 @@ from tci.body.perceiver import Perceiver
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError
-from tci.messages import JointReading, Landmark, Reading, SkinFrame
+from tci.messages import Landmark
 from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.robot.gravity import Gravity
-from tci.robot.joint_map import generic_posture, initial_position
+from tci.robot.joint_map import generic_posture
 from tci.runtime.loop import Tick, run
 from tci.simulation.world import World
-from tci.skin.skin import Skin
 
 ROBOTS = {name: load_robot(name) for name in ("nao-whole", "icub-whole")}
 NAMES = pytest.mark.parametrize("name", ROBOTS)
@@ -172,20 +169,3 @@ def test_where_the_centre_of_mass_would_be_is_told() -> None:
 def test_a_robot_without_soles_can_not_stand() -> None:
     with pytest.raises(CommandError, match="can't stand: no skin on a segment 'foot'"):
         World(load_robot("nao"), stands=True)
-
-
-def test_a_sole_on_the_floor_is_one_contact() -> None:
-    """The floor presses a sole as one plate. Of a real iCub's foot, whose taxels rest some counts beside the
-    described 240, up to eight contacts were told while it was lifted, most of one or two taxels."""
-    robot = ROBOTS["icub-whole"]
-    surface = Skin(robot).surfaces["left_sole"]
-    along = surface.positions @ np.linalg.svd(surface.positions - surface.positions.mean(axis=0))[2][0]
-    order = surface.channels[np.argsort(along)]
-    frames = [SkinFrame(one.name, 0.0, 0, np.full(one.channels, one.sensor.rest)) for one in robot.skin]
-    (sole,) = (frame for frame in frames if frame.patch == "left_sole")
-    values = np.array(sole.values)
-    values[[*order[:20], order[110], order[140], *order[-5:]]] -= 40.0  # heel, two strays, toe
-    frames[frames.index(sole)] = replace(sole, values=values)
-    still = JointReading(0.0, 0, np.array(initial_position(robot)), np.zeros(len(robot.servos)))
-    (contact,) = Perceiver(GenericBody(robot)).step(Reading(still, tuple(frames)), 0.0).contacts
-    assert (contact.patch, len(contact.taxels)) == ("left_sole", 27)

@@ -123,8 +123,8 @@ class Patch(Description):
     sensor: Sensor
     surface: Annotated[TruncatedCone | Grid | TriangularModules | Table, Field(discriminator="kind")]
     rigid: bool = False
-    """True if one rigid plate presses the taxels: that over the load cells of a foot, or the floor under a
-    sole. All pressed taxels of the patch then form one contact."""
+    """True if the taxels are under one rigid plate, such as the load cells of a foot. All pressed taxels of
+    the patch then form one contact."""
     assumed: bool = False
     """True if nobody has seen this skin on the robot: it is proposed, or worn only in simulation."""
     neighbours: float | None = None

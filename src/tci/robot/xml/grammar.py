@@ -336,10 +336,9 @@ SURFACES = {
 
 PATCH = Element(
     'A patch of skin on one link. A patch without `segment` has no place on a limb (for example on the '
-    'head). `rigid="true"` means that one rigid plate presses all taxels, like that over the load cells of '
-    'a foot, or the floor under a sole; all pressed taxels then form one contact. `xyz` and `rpy` move all '
-    'taxels of the patch relative to the link; `tci skin mount` computes them. `assumed="true"`: nobody '
-    'has seen this skin on the robot.',
+    'head). `rigid="true"` means that a rigid plate covers all taxels, like the load cells under a foot; '
+    'all pressed taxels then form one contact. `xyz` and `rpy` move all taxels of the patch relative to '
+    'the link; `tci skin mount` computes them. `assumed="true"`: nobody has seen this skin on the robot.',
     needs={"name": NAME, "part": NAME, "link": NAME, "rate": RATE, "channels": Integer(1, 100_000)},
     may={
         "segment": NAME, "rigid": Flag(), "assumed": Flag(), "neighbours": LENGTH, "xyz": POINT,

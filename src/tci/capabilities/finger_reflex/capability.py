@@ -83,8 +83,7 @@ class FingerReflex(Capability[FingerMemory]):
         now, open_, bend = perception.stamp, dict(memory.open), set[str]()
         orders, grips = self.grasp.step(memory.grips, perception, body)
         commands, forces = list(orders), forces_of(perception.contacts)
-        felt = {patch.part for patch in self.needs[0].skin_of(body.robot)}
-        for part in (one for one in body.parts("fingers") if one in felt):
+        for part in body.parts("fingers"):
             before = memory.grips.get(part)
             if grips[part].closed:
                 open_.pop(part, None)
@@ -100,6 +99,8 @@ class FingerReflex(Capability[FingerMemory]):
             begins = before is None
             if begins or (part in open_ and now - open_[part].felt >= self.quiet):
                 open_.pop(part, None)
+                if begins and all(patch.part != part for patch in self.needs[0].skin_of(body.robot)):
+                    continue  # fingers that feel nothing stay as they are
                 hangs = self.relaxed(part, body)
                 if not begins or np.abs(perception.posture[part] - hangs).max() > NEAR:
                     commands.append(GenericCommand(part, Mode.POSITION, hangs, self.speed))

@@ -110,7 +110,9 @@ def try_one(line: dict[str, Any], folder: Path, *, quick: bool) -> dict[str, Any
         checked, error = tci("check", *([] if quick else ["--simulate"]), str(target))
         result["faults"] += [error] if checked is None else checked["faults"]
         if not quick:
-            result["five_lines"], result["ran"] = five_lines(robot, target)
+            result["five_lines"], result["ran"] = five_lines(
+                robot, target, "FingerReflex" if line["kind"] == "hand" else "WithdrawalReflex"
+            )
     result["whole"] = told is not None and not result["faults"] and result["ran"] is not False
     result["seconds"] = round(time.perf_counter() - begin, 1)
     return result

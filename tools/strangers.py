@@ -43,10 +43,10 @@ from tci.robot.xml import read_robot
 LIST = ROOT / "tools" / "strangers.toml"
 TCI = (sys.executable, "-c", "from tci.cli.main import main; main()")
 FIVE_LINES = """
-import sys, tci
+import sys, tci, tci.capabilities
 with tci.connect(sys.argv[1], "sim") as driver:
     driver.world.finger.poke(sys.argv[2], int(sys.argv[3]))
-    print(tci.run(driver, tci.WithdrawalReflex(), duration=1.0))
+    print(tci.run(driver, getattr(tci.capabilities, sys.argv[4])(), duration=1.0))
 """
 POSTURES, SEED = 20, 46
 ANGLE, PLACE, MASS, LIMIT = np.deg2rad(0.01), 1e-4, 1e-3, 1e-4
@@ -277,11 +277,12 @@ def _faults(result: dict[str, Any]) -> list[str]:
     return [*result["wrong"], *(result["simulated"] or result["check"])["faults"]]
 
 
-def five_lines(robot: Robot, target: Path) -> tuple[str, bool]:
+def five_lines(robot: Robot, target: Path, reflex: str = "WithdrawalReflex") -> tuple[str, bool]:
     patches = [one for one in robot.patches if one.name.endswith("_forearm")] or list(robot.patches)
     if not patches:
         return "no skin", False
     words = [sys.executable, "-c", FIVE_LINES, str(target), patches[0].name, str(patches[0].channels // 2)]
+    words.append(reflex)
     done = subprocess.run(words, capture_output=True, text=True, timeout=600, check=False)
     said = done.stdout.strip() or (done.stderr.strip().splitlines() or ["nothing"])[-1]  # no traceback
     return said, done.returncode == 0 and "moved" in said

@@ -32,6 +32,8 @@ FORWARD = ("x", "y", "-x", "-y", "z", "-z")
 UPRIGHT = 0.9
 """Least cosine between the pan's axis and the model's z axis at which nobody need say that the arm is on a
 table."""
+MOST_JAWS = 8
+"""Largest number of joints of a gripper. Assumed: six of a linkage on two sides, and two of its pads."""
 FLAT = 0.02
 """Height of the shoulder above its base, as a fraction of the upper arm's length, below which it does not
 tell on which side of the base the arm is. Assumed: larger than errors of CAD models."""
@@ -126,6 +128,12 @@ def _only(model: Model, joints: Sequence[Joint], first: str | None) -> Limb:
             "joints form no ball, or they are no mirror images; valid: --arms with one of these joints, to "
             "describe this arm alone"
         )
+    elif not names and (jaws := _jaws(model)):
+        message = (
+            f"{jaws}: too few joints for an arm, and fewer than three fingers, as of a gripper; valid: the "
+            "model of the arm that carries it, where such joints stay at zero, or a hand of at least three "
+            "fingers"
+        )
     else:
         message = (
             "no mirrored limbs of which three joints form a ball joint and a fourth bends, and no single arm "
@@ -133,6 +141,13 @@ def _only(model: Model, joints: Sequence[Joint], first: str | None) -> Limb:
             "arms of at least 4 joints, or an arm of at least 3 joints whose lift is square to its pan"
         )
     raise DescriptionError(model.path, [Fault(0, message)])
+
+
+def _jaws(model: Model) -> str:
+    """The joints of a model that has too few for any arm and its hand; empty for others."""
+    compiled = bare_model(model)
+    names = [compiled.joint(joint).name for joint in range(compiled.njnt)]
+    return ", ".join(names) if len(names) <= MOST_JAWS else ""
 
 
 def _check_carriers(model: Model, joints: Sequence[Joint], limb: Limb) -> None:

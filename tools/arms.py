@@ -99,7 +99,7 @@ def try_one(line: dict[str, Any], folder: Path, *, quick: bool) -> dict[str, Any
     words += ["--side", "right"] if line["kind"] != "arm" else []
     told, result["options"], result["refusals"] = advised(words, {
         "--without-meshes": ["--without-meshes"], "--elbow": ["--elbow", str(line.get("elbow", 1))],
-        "--no-sleeves": ["--no-sleeves"], "--fingers none": ["--fingers", "none"],
+        "--no-sleeves": ["--no-sleeves"],
     })  # fmt: skip
     if told is not None:
         robot, model = read_robot(target), Untouched(file)

@@ -32,8 +32,6 @@ FORWARD = ("x", "y", "-x", "-y", "z", "-z")
 UPRIGHT = 0.9
 """Least cosine between the pan's axis and the model's z axis at which nobody need say that the arm is on a
 table."""
-MOST_JAWS = 8
-"""Largest number of joints of a gripper. Assumed: six of a linkage on two sides, and two of its pads."""
 FLAT = 0.02
 """Height of the shoulder above its base, as a fraction of the upper arm's length, below which it does not
 tell on which side of the base the arm is. Assumed: larger than errors of CAD models."""
@@ -128,11 +126,11 @@ def _only(model: Model, joints: Sequence[Joint], first: str | None) -> Limb:
             "joints form no ball, or they are no mirror images; valid: --arms with one of these joints, to "
             "describe this arm alone"
         )
-    elif not names and (jaws := _jaws(model)):
+    elif not names and (jaws := _jaws(model, joints)):
         message = (
-            f"{jaws}: too few joints for an arm, and fewer than three fingers, as of a gripper; valid: the "
-            "model of the arm that carries it, where such joints stay at zero, or a hand of at least three "
-            "fingers"
+            f"{jaws}: as of a gripper, no three follow each other as in an arm, and there are fewer "
+            "than three fingers; valid: the model of the arm that carries it, where such joints stay at "
+            "zero, or a hand of at least three fingers"
         )
     else:
         message = (
@@ -143,11 +141,12 @@ def _only(model: Model, joints: Sequence[Joint], first: str | None) -> Limb:
     raise DescriptionError(model.path, [Fault(0, message)])
 
 
-def _jaws(model: Model) -> str:
-    """The joints of a model that has too few for any arm and its hand; empty for others."""
+def _jaws(model: Model, joints: Sequence[Joint]) -> str:
+    """The joints of a model in which no three turning joints follow each other; empty for others."""
+    if any(len(ancestors(joints, one)) > 2 for one in range(len(joints))):
+        return ""
     compiled = bare_model(model)
-    names = [compiled.joint(joint).name for joint in range(compiled.njnt)]
-    return ", ".join(names) if len(names) <= MOST_JAWS else ""
+    return ", ".join(compiled.joint(joint).name for joint in range(compiled.njnt))
 
 
 def _check_carriers(model: Model, joints: Sequence[Joint], limb: Limb) -> None:

@@ -51,8 +51,14 @@ def find_hands(
         return _alike(_find(body, facts, ends, trust))
     except _DoubtfulHandError as doubt:
         able = [one for one in get_args(Trust) if _finds(body, facts, ends, one)]
-        message = f"{doubt}; valid: {' or '.join(f'--fingers {one}' for one in able)}"
-        raise DescriptionError(path, [Fault(0, f"{message} (hands without fingers)")]) from None
+        if body.hand is not None:  # without fingers, nothing would be left of it
+            ways = [f"--fingers {one}" for one in able if one != "none"]
+            valid = "a model whose joints bend each finger farther to the palm than back"
+            message = f"{doubt}; valid: {' or '.join([*ways, valid])}"
+        else:
+            message = f"{doubt}; valid: {' or '.join(f'--fingers {one}' for one in able)}"
+            message += " (hands without fingers)"
+        raise DescriptionError(path, [Fault(0, message)]) from None
 
 
 class _DoubtfulHandError(Exception):

@@ -23,7 +23,7 @@ EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["option
 HIDDEN = (
     "qi", "cyclonedds", "rosbags", "roslibpy", "pyarrow", "viser", "av", "py_trees", "lcm", "zenoh",
     "gymnasium", "trimesh", "collada", "rclpy", "rospy", "yarp", "icub-models", "example-robot-data",
-    "onnxruntime", "can", "websockets",
+    "onnxruntime", "can", "websockets", "numcodecs",
 )  # fmt: skip
 """Modules, and distributions that contain robot models, which are hidden in these tests."""
 ELSEWHERE = {
@@ -59,6 +59,7 @@ ALONE = {
     "zenoh secure keys --endpoint tls/here:1 nao": "zenoh",
     "zenoh router wave.csv": "zenoh",
     "log export one.mcap a.parquet --format parquet": "parquet",
+    "log import packed.zarr a.mcap": "oxt",
     "log import bag a.mcap nao": "ros2",
     "new-robot arm.urdf": "robots",
     "run tci.capabilities.behaviour_tree:BehaviourTree nao": "behaviours",
@@ -89,6 +90,14 @@ URDF = (
     '<robot name="arm"><link name="a"><visual><geometry><mesh filename="a.dae"/></geometry></visual></link>'
     "</robot>"
 )
+GROUP = '{"zarr_format": 2}'
+PACKED = {
+    ".zgroup": GROUP, "data/.zgroup": GROUP, "meta/.zgroup": GROUP, "meta/episode_ends/0": "packed",
+    "meta/episode_ends/.zarray": json.dumps({
+        "zarr_format": 2, "shape": [1], "chunks": [1], "dtype": "<i8", "order": "C", "fill_value": 0,
+        "filters": None, "compressor": {"id": "blosc", "cname": "lz4", "clevel": 5, "shuffle": 1},
+    }),
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -101,6 +110,9 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[object, st
     (folder / "arm.urdf").write_text(URDF)
     (folder / "a.dae").touch()
     (folder / "policy.onnx").touch()
+    for name, text in PACKED.items():
+        (folder / "packed.zarr" / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / "packed.zarr" / name).write_text(text)
     words = [RECORD, SERVE, DOCTOR, *CASES]
     done = subprocess.run(
         [sys.executable, str(HELPERS / "bare_install.py"), ",".join(HIDDEN)],
@@ -117,8 +129,9 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[object, st
 
 def test_every_extra_is_needed_by_some_command() -> None:
     told = set(CASES.values())
-    # `tci.batch` has no command: tests/batch/test_gpu.py has what it says
-    assert {extra for extra in EXTRAS if advice(extra) not in told} == {"batch"}
+    # `tci.batch` has no command: tests/batch/test_gpu.py has what it says.
+    # Without `camera` TCI's own renderer draws: tests/lab/pictures/test_head_camera.py has what it says.
+    assert {extra for extra in EXTRAS if advice(extra) not in told} == {"batch", "camera"}
 
 
 @pytest.mark.parametrize("words", CASES)

@@ -156,6 +156,24 @@ def test_a_struck_joint_goes_as_fast_as_one_of_its_speeds_says(speed: float, jum
     assert (found is not None and found.code is Code.ENCODER_JUMPED) is jumps
 
 
+@pytest.mark.parametrize("gap", [0.03, 0.06, 0.1])
+def test_a_velocity_that_is_derived_from_the_encoder_does_not_explain_its_jump(gap: float) -> None:
+    """Far beyond what a blow does: by 90 and 170 degrees, with velocities over the gap or the last 5 ms."""
+    first, second = list(readings(still))[:2]
+    none = Reference(SERVOS[:0], (), np.zeros(0), np.zeros(0))
+    for jump in np.deg2rad([90.0, -170.0]):
+        for over in (gap, 0.005):
+            monitor, own = JointMonitor(ROBOT), np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+            assert monitor.step(replace(first, velocity=read_only(0.0 * own)), none) is None
+            jumped = replace(
+                second, stamp=first.stamp + gap, position=read_only(first.position + jump * own),
+                velocity=read_only(jump / over * own),
+            )  # fmt: skip
+            found = monitor.step(jumped, none)
+            assert found is not None
+            assert found.code is Code.ENCODER_JUMPED
+
+
 def test_20_an_encoder_that_stands_still_is_told() -> None:
     def frozen(time: float, angle: float) -> float:
         return angle if time < 0.1 else 0.5 * np.sin(0.14)

@@ -157,7 +157,8 @@ def test_a_reading_is_noted_and_an_angle_that_jumps_is_found(elapsed: float) -> 
         change = np.abs(angles - before)
         beyond = change - (fastest * max(elapsed, 1e-9) + 0.05)
         led = 0.5 * (speeds + speed_before) * elapsed  # the way that the velocity tells
-        ends = np.sort([speeds * elapsed, speed_before * elapsed], axis=0) if elapsed > 0.025 else [led, led]
+        lost = (elapsed > 0.025) & (change <= 4.0 * fastest * max(elapsed, 1e-9) + 0.05)
+        ends = np.where(lost, np.sort([speeds * elapsed, speed_before * elapsed], axis=0), led)
         beyond[(angles - before >= ends[0] - 0.05) & (angles - before <= ends[1] + 0.05)] = -1.0
         jumped = elapsed > 0.0 and bool((beyond > 0.0).any())
         assert got == (at.JUMPED if jumped else at.FOLLOWS)

@@ -26,6 +26,10 @@ FOLLOWS, LATE, OPPOSED, FROZEN, DISAGREES, DEAF, JUMPED = range(7)
 SELDOM = 0.025
 """Longest time [s] between two readings for which angles are compared with velocities. Assumed: in a longer
 time a velocity may change without being measured."""
+STRUCK = 4.0
+"""Multiple of its speed limit beyond which no blow drives a joint. Assumed: wrists were struck to three times
+theirs. Without it, a velocity that a robot derives from its encoder would explain any jump after a lost
+reading."""
 
 
 class Settings(NamedTuple):
@@ -162,9 +166,10 @@ def _jump(readings: Readings, limits: Limits, step: float, elapsed: float, worst
         change = abs(readings.angle[i] - readings.angle_before[i])
         beyond = change - (limits.velocity[i] * elapsed + step)
         mean = 0.5 * (readings.speed[i] + readings.speed_before[i])
-        # after a lost reading nobody knows when the velocity changed from the one to the other
-        unknown = 0.5 * abs(readings.speed[i] - readings.speed_before[i]) if elapsed > SELDOM else 0.0
-        agrees = step + unknown * elapsed
+        agrees = step
+        if elapsed > SELDOM and change <= STRUCK * limits.velocity[i] * elapsed + step:
+            # after a lost reading nobody knows when the velocity changed from the one to the other
+            agrees += 0.5 * abs(readings.speed[i] - readings.speed_before[i]) * elapsed
         if abs(readings.angle[i] - readings.angle_before[i] - mean * elapsed) <= agrees:
             continue  # a blow, or a joint that really is too fast: angle and velocity agree
         if beyond > most:

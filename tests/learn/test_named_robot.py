@@ -35,6 +35,7 @@ def test_hands_guide_an_arm_and_what_is_recorded_leads_it_there_again(tmp_path: 
     assert max(abs(asked[-1][name] - end[name]) for name in robot.actions) < np.deg2rad(1.5), "it stays there"
     recorded = list(tci.Recording(tmp_path / "one.mcap").ticks())
     assert recorded[-1].now - recorded[0].now > 1.9
+    assert next(tci.Recording(tmp_path / "one.mcap").touching(), None) is not None, "films show the hand"
     with NamedRobot("icub") as other:  # nobody touches it
         for action in asked:
             other.observe()
@@ -71,6 +72,14 @@ def test_a_wrong_action_is_one_error_and_orders_nothing() -> None:
 def test_what_can_not_be_is_one_error(options: dict[str, object], says: str) -> None:
     with pytest.raises(TciError, match=says):
         NamedRobot("nao", **options)  # type: ignore[arg-type]
+
+
+def test_what_fails_while_it_opens_leaves_it_closed(tmp_path: Path) -> None:
+    robot = NamedRobot("nao", picture=(0, 12), record=str(tmp_path / "one.mcap"))
+    with pytest.raises(TciError, match="at least 1 x 1"):
+        robot.connect()
+    assert not robot.is_connected
+    assert tci.Recording(tmp_path / "one.mcap").topics() == {}
 
 
 def test_hands_can_not_guide_what_does_not_feel_how_hard_it_is_pushed() -> None:

@@ -199,6 +199,7 @@ class NamedRobot:
             options["people"] = len(people_for(*(plan(self.body, one) for one in self.touches)))
         driver = connect(self.robot, self.via, arm=self._arm, **options)
         self._recorder: Recorder | None = None
+        self._world = driver.world if isinstance(driver, SimulatedDriver) else None
         try:
             if self._record:
                 about = {**driver.info.about, **({"task": self._task} if self._task else {})}
@@ -206,17 +207,17 @@ class NamedRobot:
                     self._record, self.robot, middleware=self.via.partition(":")[0], period=driver.period,
                     keep_alive=driver.info.keep_alive, about=about,
                 )  # fmt: skip
+            self._people = None
+            if self.touches and isinstance(driver, SimulatedDriver):
+                self._people = _People(self.touches, driver)
+            self._picture: Sees | None = None
+            if self._size is not None and isinstance(driver, SimulatedDriver):
+                self._picture = head_camera(driver.world, self._size)
+                self._picture(driver.read())  # the first one takes seconds
             self._stepper = Stepper(driver, period=1.0 / self.rate, see=self._see)
         except BaseException:
-            driver.close()
+            self._close(driver)
             raise
-        self._people = None
-        if self.touches and isinstance(driver, SimulatedDriver):
-            self._people = _People(self.touches, driver)
-        self._picture: Sees | None = None
-        if self._size is not None and isinstance(driver, SimulatedDriver):
-            self._picture = head_camera(driver.world, self._size)
-            self._picture(driver.read())  # the first one takes seconds
         self._seen: Perception | None = None
         self._before: Perception | None = None
         self._guided = dict[str, Guided]()
@@ -224,7 +225,8 @@ class NamedRobot:
 
     def _see(self, tick: Tick) -> None:
         if self._recorder is not None:
-            self._recorder.tick(tick.now, tick.reading, tick.commands, tick.sent)
+            touching = {} if self._world is None else self._world.touching()
+            self._recorder.tick(tick.now, tick.reading, tick.commands, tick.sent, touching=touching)
 
     def disconnect(self) -> None:
         """Brings the robot to rest, and closes it. A second call has no effect."""
@@ -234,7 +236,12 @@ class NamedRobot:
         try:
             stepper.close()
         finally:
-            stepper.driver.close()
+            self._close(stepper.driver)
+
+    def _close(self, driver: Driver) -> None:
+        try:
+            driver.close()
+        finally:
             if self._recorder is not None:
                 self._recorder.close()
 

@@ -315,7 +315,10 @@ class Session:
     def _see(self, tick: Tick) -> None:
         with self._recording:
             if self.recorder is not None:
-                self.recorder.tick(tick.now, tick.reading, tick.commands, tick.sent, tick.perception)
+                touching = {} if self.world is None else self.world.touching()
+                self.recorder.tick(
+                    tick.now, tick.reading, tick.commands, tick.sent, tick.perception, touching
+                )
         sent = tick.sent
         state = (sent.state, sent.reason)
         if state[0] is not self._state[0]:

@@ -201,9 +201,8 @@ def arm_axes(
     assert elbow is not None
     bend = turns[:, elbow] * np.sign(part.servos[3].sense)
     along = part.R_TM.T @ (ends["forearm"] - ends["upper_arm"])
-    if (
-        yaw is None
-    ):  # no joint turns the upper arm: it leads from the lift's axis to the elbow's, square to them
+    if yaw is None:
+        # no joint turns the upper arm: it leads from the lift's axis to the elbow's, square to them
         lift = part.servos[1].servo
         assert lift is not None
         feet = [T_TH[:3, 3] + np.cross(jacobian[3:, one], jacobian[:3, one]) for one in (lift, elbow)]

@@ -1,7 +1,10 @@
 """A stand-in of the maker's bridge of Inspire hands, with cyclonedds' own encoder and nothing of TCI: fields,
 order and bounds from the vendor's description of its message.
 
-python inspire_bridge.py DOMAIN l|r
+python inspire_bridge.py DOMAIN l|r [given]
+
+Taxel k says k % 4096. With `given`, each line of the standard input is one message: its pads are divided by
+semicolons.
 """
 
 import itertools
@@ -35,7 +38,7 @@ SIZES = {
 FIELDS = [(name, sequence[int16, size]) for name, size in SIZES.items()]
 
 
-def main(domain: int, letter: str) -> None:
+def main(domain: int, letter: str, *, given: bool) -> None:
     kind: Any = final(make_idl_struct("inspire_hand_touch", "inspire.inspire_hand_touch", dict(FIELDS)))
     kept = Domain(domain, HERE)
     participant = DomainParticipant(domain)
@@ -46,10 +49,13 @@ def main(domain: int, letter: str) -> None:
     parts = [numbers[a:b].tolist() for a, b in itertools.pairwise(starts)]
     message = kind(**dict(zip(SIZES, parts, strict=True)))
     print(len(message.serialize()), flush=True)
+    while given:
+        pads = [[*map(int, pad.split())] for pad in sys.stdin.readline().split(";")]
+        writer.write(kind(**dict(zip(SIZES, pads, strict=True))))
     while kept is not None:
         writer.write(message)
         time.sleep(0.02)
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), sys.argv[2])
+    main(int(sys.argv[1]), sys.argv[2], given=sys.argv[3:] == ["given"])

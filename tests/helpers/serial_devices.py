@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import ClassVar
 
-from helpers.touch_devices import TouchDevice
+from helpers.touch_devices import Lines, TouchDevice
 
 
 class SerialDevice(TouchDevice):
@@ -87,6 +87,20 @@ class SerialDevice(TouchDevice):
             if select.select([], [self._device], [], 0.05)[1]:
                 with suppress(BlockingIOError):
                     data = data[os.write(self._device, data) :]
+
+
+class SerialLines(SerialDevice, Lines):
+    """A board that prints its values, as a sketch of Arduino does."""
+
+    source = "array"
+    most = 1023
+
+    @property
+    def via(self) -> str:
+        return f"array:serial://{self.path}"
+
+    def frame(self) -> bytes:
+        return "".join(self.lines()).encode()
 
 
 class Flexitac(SerialDevice):
@@ -339,6 +353,7 @@ class BraincoArray(Brainco):
 
 
 SERIAL_DEVICES: list[type[SerialDevice]] = [
+    SerialLines,
     Flexitac,
     Anyskin,
     Robotiq,

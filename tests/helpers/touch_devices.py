@@ -15,7 +15,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from contextlib import suppress
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from helpers import HELPERS
 from helpers.dds_domains import DOMAINS, LOOPBACK
@@ -63,6 +63,9 @@ class TouchDevice(ABC):
     @abstractmethod
     def serve(self) -> None:
         """Serves until `_in` is cleared."""
+
+    def meet(self, source: Any) -> None:  # noqa: B027 - devices are found by their address
+        """Gets the source that is going to read it."""
 
     def may_be_sent(self, request: bytes) -> bool:
         """Whether the device allows this, as far as its state is what matters: nothing may change it."""
@@ -220,7 +223,64 @@ class TcpLines(Lines):
             link.close()
 
 
-class Ros2Topic(TouchDevice):
+class Program(Lines):
+    """The program that runs the robot, and knows the values itself."""
+
+    via = "array:feed"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._sources: list[Any] = []
+
+    def meet(self, source: Any) -> None:
+        self._sources.append(source)
+
+    def serve(self) -> None:
+        while self._in.is_set():
+            self.late()
+            for pad, values in self.values.items():
+                if self.lose:
+                    self.lose -= 1
+                    continue
+                for source in self._sources:
+                    source.feed(pad, values[self.short :])
+            time.sleep(self.period)
+
+
+class Publisher(TouchDevice):
+    """Another process that publishes what it reads on its standard input, and prints a line once it can."""
+
+    @abstractmethod
+    def words(self) -> list[str]:
+        """The command."""
+
+    def line(self) -> str:
+        return ";".join(" ".join(map(str, values[self.short :])) for values in self.values.values())
+
+    def plug(self) -> None:
+        self._ready = threading.Event()
+        super().plug()
+        assert self._ready.wait(30.0)
+
+    def serve(self) -> None:
+        own, pipe = os.environ | {"CYCLONEDDS_URI": LOOPBACK}, subprocess.PIPE
+        node = subprocess.Popen(self.words(), env=own, stdin=pipe, stdout=pipe, text=True)
+        assert node.stdin is not None
+        assert node.stdout is not None
+        if node.stdout.readline():
+            self._ready.set()
+        while self._in.is_set():
+            self.late()
+            if self.lose:
+                self.lose -= 1
+            else:
+                print(self.line(), file=node.stdin, flush=True)
+            time.sleep(0.02)
+        node.kill()
+        node.wait()
+
+
+class Ros2Topic(Publisher):
     """A node that publishes numbers on a topic of ROS 2."""
 
     pads: ClassVar = {"pad": 16}
@@ -235,21 +295,49 @@ class Ros2Topic(TouchDevice):
     def via(self) -> str:
         return f"array:ros2://{self._topic}"
 
-    def serve(self) -> None:
-        words = [sys.executable, str(HELPERS / "ros2_one_topic.py"), self._topic, str(self._domain)]
-        own = os.environ | {"CYCLONEDDS_URI": LOOPBACK}
-        node = subprocess.Popen(words, env=own, stdin=subprocess.PIPE, text=True)
-        assert node.stdin is not None
-        while self._in.is_set():
-            self.late()
-            values = self.values["pad"][: -1 if self.short else None]
-            if self.lose:
-                self.lose -= 1
-            else:
-                print(*values, file=node.stdin, flush=True)
-            time.sleep(0.02)
-        node.kill()
-        node.wait()
+    def words(self) -> list[str]:
+        return [sys.executable, str(HELPERS / "ros2_one_topic.py"), self._topic, str(self._domain)]
+
+
+class Ros1Topic(Publisher):
+    """A node that publishes numbers on a topic of ROS 1."""
+
+    pads: ClassVar = {"pad": 16}
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._topic = f"/n{secrets.token_hex(4)}"
+
+    @property
+    def via(self) -> str:
+        return f"array:ros1://{self._topic}"
+
+    def plug(self) -> None:
+        from helpers.ros_robots import roscore  # not where a peer's Python plays a hand
+
+        roscore()
+        super().plug()
+
+    def words(self) -> list[str]:
+        return ["/usr/bin/python3", str(HELPERS / "ros1_one_topic.py"), self._topic]
+
+
+class InspireBridge(Publisher):
+    """The left hand's topic of the maker's bridge on Unitree's robots."""
+
+    pads: ClassVar = InspireHand.pads
+    needs = "cyclonedds"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._domain = next(DOMAINS)
+
+    @property
+    def via(self) -> str:
+        return f"inspire:dds://lo/{self._domain},side=left"
+
+    def words(self) -> list[str]:
+        return [sys.executable, str(HELPERS / "inspire_bridge.py"), str(self._domain), "l", "given"]
 
 
 class Linkerhand(TouchDevice):

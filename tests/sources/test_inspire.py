@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 import tci
-from helpers import HELPERS
+from helpers import HELPERS, ROOT
 from helpers.dds_domains import DOMAINS
 from helpers.peers import peer_python
-from helpers.touch_devices import INSPIRE, InspireHand
+from helpers.touch_devices import INSPIRE, InspireHand, free_port
 from tci.capabilities import Capability, Need
 from tci.cli.main import app
 from tci.drivers.registry import source_at
@@ -104,6 +106,28 @@ def test_pressed_corners_show_where_the_manual_puts_them(hand: InspireHand) -> N
     assert np.linalg.norm(palm[0, 0][1] - finger[0, 0][1]) < np.linalg.norm(palm[7, 0][1] - finger[0, 0][1])
 
 
+def test_the_sender_for_a_robots_computer_sends_what_the_hand_says(hand: InspireHand, tmp_path: Path) -> None:
+    """The program on the page of operating systems."""
+    hand.number()
+    (text,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "platforms.md").read_text(), re.DOTALL)
+    assert text.count("\n") <= 30
+    port = free_port()
+    program = tmp_path / "sender.py"
+    program.write_text(text.replace("9000", str(port)).replace("(hand, 6000)", f"(hand, {hand.port})"))
+    sender = subprocess.Popen([sys.executable, str(program), "127.0.0.1", "127.0.0.1"])
+    try:
+        with tci.connect("g1-inspire", f"sim + array:udp://127.0.0.1:{port}") as driver:
+            ours, end = dict[str, list[float]](), time.monotonic() + 10.0
+            while not ours and time.monotonic() < end:
+                time.sleep(0.05)
+                frames = [one for one in driver.read().skin if not np.isnan(one.values).any()]
+                ours = {one.patch: one.values.tolist() for one in frames}
+        assert ours == {f"right_{pad}": hand.values[pad] for pad in ("palm", "index_top")}
+    finally:
+        sender.kill()
+        sender.wait()
+
+
 class Idle(Capability[None]):
     """Needs nothing."""
 
@@ -151,11 +175,12 @@ def test_a_hand_alone_shows_its_pads_as_they_lie(hand: InspireHand) -> None:
     hand.values["palm"] = [4095 * (k == 7) for k in range(112)]  # row 1, column 1
     hand.values["index_top"] = [4095 * (k == 8) for k in range(96)]  # row 2, column 1
     shown = CliRunner().invoke(app, ["hand", hand.via, "--duration", "0.6"]).stdout
-    assert "4095" in shown
+    assert "3.4 N · 4095" in shown, "0.83 mN a count, by one user"
     assert "17 of 17 pads send" in shown
     given = CliRunner().invoke(app, ["hand", hand.via, "--duration", "0.4", "--json"]).stdout
     pads = json.loads(given)["pads"]
     assert {pad: one["values"] for pad, one in pads.items()} == hand.values
+    assert all(one["jitter_ms"] < 100.0 for one in pads.values())
     table = {
         pad.name: pad
         for pad in device("inspire-rh56dftp").pads

@@ -11,6 +11,7 @@ import pytest
 import tci
 from helpers import ROOT, TESTS
 from helpers.peers import peer_python
+from tci.errors import DriverError
 
 pytestmark = pytest.mark.timeout(60)
 BOTH = """
@@ -57,7 +58,29 @@ def test_another_authors_client_reads_the_same_values() -> None:
         assert [len(values) for values in ours.values()] == 5 * [size]
 
 
+def test_a_bus_without_the_hand_is_told_from_one_that_is_down(monkeypatch: pytest.MonkeyPatch) -> None:
+    can = pytest.importorskip("can", reason="did not run: needs python-can; to get it: make test")
+    from tci.sources.linkerhand.source import LinkerhandSource
+
+    with can.Bus("alone", interface="virtual") as other:
+        source = LinkerhandSource("alone", side="left", interface="virtual")
+        source.wants = ("thumb_tip",)
+        source.open()
+        with pytest.raises(
+            DriverError, match=r"no answer from the hand with the id 0x28: power it, then replug"
+        ):
+            list(source.read())
+        for message in iter(lambda: other.recv(0.0), None):  # an adapter that sends back what it sends
+            other.send(message)
+        with pytest.raises(DriverError, match=r"only our own requests come back.*replug the adapter"):
+            list(source.read())
+        source.close()
+    monkeypatch.setattr("tci.sources.linkerhand.source.can_channels", lambda: {"can0": "down"})
+    with pytest.raises(DriverError, match=r"can0 is down; bring it up: sudo ip link set can0 up type can"):
+        LinkerhandSource("can0", side="left").open()
+
+
 def test_which_hand_must_be_said() -> None:
     pytest.importorskip("can", reason="did not run: needs python-can; to get it: make test")
-    with pytest.raises(tci.errors.DriverError, match=r"side=left or side=right, matrix=12x6 or 10x4"):
+    with pytest.raises(DriverError, match=r"side=left or side=right, matrix=12x6 or 10x4"):
         tci.connect("g1-inspire", "sim + linkerhand:can0")

@@ -18,7 +18,18 @@ import pytest
 from typer.testing import CliRunner
 
 from helpers.serial_devices import SERIAL_DEVICES
-from helpers.touch_devices import InspireHand, Linkerhand, Ros2Topic, TcpLines, TouchDevice, UdpLines, Xela
+from helpers.touch_devices import (
+    InspireBridge,
+    InspireHand,
+    Linkerhand,
+    Program,
+    Ros1Topic,
+    Ros2Topic,
+    TcpLines,
+    TouchDevice,
+    UdpLines,
+    Xela,
+)
 from tci.cli.main import app
 from tci.drivers.diagnosis import Level
 from tci.drivers.registry import SOURCES, load_source, source_at
@@ -31,7 +42,10 @@ DEVICES: list[type[TouchDevice]] = [
     InspireHand,
     TcpLines,
     UdpLines,
+    Program,
+    Ros1Topic,
     Ros2Topic,
+    InspireBridge,
     Linkerhand,
     Xela,
     *SERIAL_DEVICES,
@@ -41,6 +55,7 @@ DEVICES: list[type[TouchDevice]] = [
 def reader_of(device: TouchDevice) -> SourceReader:
     source = source_at(device.via)
     assert source.pads in ({}, device.pads)
+    device.meet(source)
     return SourceReader(device.via, source, device.pads)
 
 
@@ -62,7 +77,10 @@ def silent(reader: SourceReader) -> list[str]:
     return [pad for pad in reader.pads if reader.silence(pad, time.monotonic()) is not None]
 
 
-@pytest.fixture(params=DEVICES, ids=lambda one: one.__name__)
+@pytest.fixture(params=[
+    pytest.param(one, id=one.__name__, marks=[pytest.mark.xdist_group("driver-ros1")] * (one is Ros1Topic))
+    for one in DEVICES
+])  # fmt: skip
 def device(request: pytest.FixtureRequest) -> Iterator[TouchDevice]:
     made: TouchDevice = request.param()
     if made.needs and importlib.util.find_spec(made.needs) is None:
@@ -92,6 +110,7 @@ def test_frames_are_complete_fresh_and_numbered_and_loss_lateness_and_rubbish_pa
         assert state.sequence > before[pad] + 3, "no frames"
         assert 0.0 <= now - state.stamp < 0.3
         assert state.rate > 10.0
+        assert 0.0 < state.jitter < 0.1
     assert not silent(reader)
     told = [one for one in reader.diagnose() if one.level is not Level.OK]
     assert not [one for one in told if one.level is not Level.NOTE]

@@ -50,8 +50,9 @@ def hand(
     as_json: AsJson = False,
 ) -> None:
     """Show the pressure on the pads of a tactile hand, live. Nothing moves, and no robot is needed. A shade
-    is the value of a taxel, up to the largest value of its pad so far; the numbers are raw counts. Without an
-    address, the command lists the devices that are plugged in, and chooses none.
+    is the value of a taxel, up to the largest value of its pad so far. Below are the force of the pad, where
+    somebody has measured what a count is, the largest count, and the rate. Without an address, the command
+    lists the devices that are plugged in, and chooses none.
 
     Example:  tci hand
 
@@ -195,6 +196,7 @@ def _report(reader: SourceReader) -> dict[str, Any]:
             name: {
                 "frames": pad.sequence,
                 "rate_hz": pad.rate,
+                "jitter_ms": 1e3 * pad.jitter,
                 "values": [] if pad.values is None else [
                     value if np.isfinite(value) else None for value in pad.values.tolist()
                 ],
@@ -211,9 +213,10 @@ def _picture(reader: SourceReader, most: dict[str, float]) -> RenderableType:
     from rich.panel import Panel
     from rich.text import Text
 
-    from tci.robot.tactile_devices import in_rows, pads_of
+    from tci.robot.tactile_devices import devices, in_rows, pads_of
 
     now, shapes = time.monotonic(), pads_of(reader.source.device)
+    newtons = next((one.newton_per_count for one in devices() if one.name == reader.source.device), None)
     panels = []
     for name, pad in reader.pads.items():
         silent = reader.silence(name, now)
@@ -225,5 +228,7 @@ def _picture(reader: SourceReader, most: dict[str, float]) -> RenderableType:
         shades = (values / most[name] * (len(SHADES) - 1)).round().astype(int).clip(0, len(SHADES) - 1)
         rows = in_rows(shades, shapes.get(name))
         text = "\n".join("".join(2 * SHADES[one] for one in row) for row in rows)
-        panels.append(Panel(f"{text}\n{values.max():.0f} · {pad.rate:.0f}/s", title=name, expand=False))
+        force = "" if newtons is None else f"{newtons * values.sum():.1f} N · "
+        said = f"{text}\n{force}{values.max():.0f} · {pad.rate:.0f}/s"
+        panels.append(Panel(said, title=name, expand=False))
     return Columns(panels)

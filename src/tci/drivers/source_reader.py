@@ -45,6 +45,8 @@ class PadState:
     first: float = np.inf
     gap: float = np.nan
     """Usual time [s] between two frames: a moving average."""
+    jitter: float = 0.0
+    """How far [s] a gap is from the usual one: a moving average."""
     changed: int = 0
     """Frames that differ from the frame before."""
     clock: SourceClock = field(default_factory=SourceClock)
@@ -67,7 +69,10 @@ class PadState:
         if self.values is not None:
             self.changed += not np.array_equal(values, self.values)
             gap = arrival - self.arrival
-            self.gap = gap if np.isnan(self.gap) else self.gap + 0.1 * (gap - self.gap)
+            if np.isnan(self.gap):
+                self.gap = gap
+            self.jitter += 0.1 * (abs(gap - self.gap) - self.jitter)
+            self.gap += 0.1 * (gap - self.gap)
         self.first = min(self.first, arrival)
         self.values, self.stamp, self.arrival = values, placed, arrival
         self.sequence += 1
@@ -136,8 +141,13 @@ class SourceReader:
         seen = [pad for pad in self.pads.values() if pad.sequence]
         if seen:
             rates = [pad.rate for pad in seen]
-            said = f"{len(seen)} of {len(self.pads)} pads send, {min(rates):.0f} to {max(rates):.0f} frames/s"
-            figures = {"least_rate_hz": min(rates), "most_rate_hz": max(rates), "lost": float(self.lost)}
+            jitter = 1e3 * max(pad.jitter for pad in seen)
+            said = (
+                f"{len(seen)} of {len(self.pads)} pads send, {min(rates):.0f} to {max(rates):.0f} frames/s, "
+                f"jitter {jitter:.0f} ms"
+            )
+            figures = {"least_rate_hz": min(rates), "most_rate_hz": max(rates), "jitter_ms": jitter,
+                       "lost": float(self.lost)}  # fmt: skip
             found.append(Finding(Level.OK, self.name, f"{said}; sent to the device: {self.source.writes}",
                                  figures=figures))  # fmt: skip
         if self.lost:

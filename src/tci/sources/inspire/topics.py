@@ -27,6 +27,8 @@ TURNS = {"tip": "tip", "top": "top", "middle": "middle", "pad": "palm"}
 NUMBERS = {"little": "one", "ring": "two", "middle": "three", "index": "four", "thumb": "five"}
 TOPIC = "rt/inspire_hand/touch/"
 LETTERS = {"left": "l", "right": "r"}
+USUAL = {"left": "192.168.123.210", "right": "192.168.123.211"}
+"""Addresses of the hands in the example that comes with Unitree's bridge."""
 PAUSE = 0.002
 """Time [s] between two looks for messages."""
 
@@ -88,7 +90,10 @@ class InspireTopics:
             advice = "the maker's bridge calls a single hand r: try the other side="
         else:
             said = f"nobody publishes {name} on {self._interface}, domain {self._domain}"
-            advice = "start the maker's bridge on the robot's computer, or read the hand itself: inspire:HOST"
+            advice = (
+                "start the maker's bridge on the robot's computer, or read the hand itself: "
+                f"inspire:{USUAL[self._side]} as Unitree sets it up, inspire:192.168.11.210 as sold"
+            )
         yield Finding(Level.WARNING, name, said, advice)
 
     def close(self) -> None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from tci.drivers.source import Sample, Source
 from tci.errors import DriverError, FrameError
+from tci.shared.serial_ports import can_channels
 
 HANDS = {"right": 0x27, "left": 0x28}
 FINGERS = {"thumb": 0xB1, "index": 0xB2, "middle": 0xB3, "ring": 0xB4, "little": 0xB5}
@@ -58,17 +59,22 @@ class LinkerhandSource(Source):
         if matrix == "10x4":
             self.device = "linkerhand-o6"
         self._bus: can.BusABC | None = None
+        self._echoes = 0
+        """Requests that came back in this sweep."""
 
     def open(self) -> None:
+        advice = f"bring it up: sudo ip link set {self.address} up type can bitrate {BITRATE}"
+        if self._interface == "socketcan" and can_channels().get(self.address) == "down":
+            raise DriverError(f"{self.address} is down; {advice}")
         try:
             self._bus = can.Bus(channel=self.address, interface=self._interface, bitrate=BITRATE)
         except can.CanError as error:
-            advice = f"sudo ip link set {self.address} up type can bitrate {BITRATE}"
-            raise DriverError(f"{error}; bring it up: {advice}") from error
+            raise DriverError(f"{error}; {advice}") from error
 
     def read(self) -> Iterator[Sample]:
-        """One sweep. Raises FrameError if rows got lost, TimeoutError if the hand says nothing at all."""
+        """One sweep. Raises FrameError if rows got lost, DriverError if the hand says nothing at all."""
         lost, heard = [], False
+        self._echoes = 0
         for finger, number in FINGERS.items():
             if f"{finger}_tip" not in self.wants:
                 continue
@@ -80,8 +86,10 @@ class LinkerhandSource(Source):
                 lost.append(finger)
             time.sleep(BREATH)
         if not heard:
-            raise TimeoutError(
-                f"the hand with the id 0x{self._id:02x} does not answer; power it, then replug the adapter"
+            said = "only our own requests come back" if self._echoes else "no answer"
+            raise DriverError(
+                f"{said} from the hand with the id 0x{self._id:02x}: power it, then replug the adapter; or "
+                "try the other side="
             )
         if lost:
             raise FrameError(f"rows of the {', '.join(lost)} are missing or have not {self._columns} values")
@@ -101,6 +109,7 @@ class LinkerhandSource(Source):
         while len(rows) < self._rows and (left := end - time.monotonic()) > 0:
             message = self._bus.recv(left)
             if message is None or message.arbitration_id != self._id or len(message.data) < 3:
+                self._echoes += message is not None and message.data == bytes((finger, self._code))
                 continue
             row = message.data[1] >> 4
             if row == 0:

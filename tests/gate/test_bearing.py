@@ -65,6 +65,41 @@ def test_what_motion_friction_or_a_hand_explains_is_no_contact(
     assert not told(torque, speed=speed, steady=steady, stands=stands)
 
 
+def next_way(torque: float, *, swings: float = 0.0) -> float | None:
+    """How far [rad] the joint is sent when it has gone back and bears `torque` [N m] there, moving with
+    `swings` [rad/s]; less than 0 is farther back. None if it is not sent anywhere."""
+    robot = talos()
+    names = [servo.name for servo in robot.servos]
+    meets, own = ContactReaction(robot, groups_of(robot), ContactSettings(stands=True)), names.index(JOINT)
+    angle, rate, goal = 0.0, 0.3, np.inf
+    for step in range(200):
+        now, there = step * PERIOD, goal < np.inf and abs(angle - goal) < 1e-9
+        angles, torques = np.zeros(len(names)), np.zeros(len(names))
+        angles[own], torques[own] = angle, torque if there else 30.0 if now > 0.6 else 0.0
+        asked = Reference(np.array([own]), (Mode.POSITION,), angles[[own]], np.array([rate]))
+        speeds = np.where(np.arange(len(names)) == own, swings if there else rate, 0.0)
+        seen = replace(reading(angles, now), torque=read_only(torques), velocity=read_only(speeds))
+        for way in meets.step(seen, asked, now, None)[0]:
+            end = float(way.angles[way.servos.tolist().index(own)])
+            if there:
+                return end - angle
+            goal = end
+        rate = 0.3 if goal == np.inf else float(np.clip((goal - angle) / PERIOD, -0.5, 0.5))
+        angle += rate * PERIOD
+        rate = 0.0 if abs(angle - goal) < 1e-9 else rate
+    assert goal < np.inf, "it went back"
+    return None
+
+
+def test_after_a_way_back_a_joint_goes_on_while_it_presses_and_turns_if_somebody_is_behind_it() -> None:
+    """Of 100 N m: 8 are little more than friction, 12 still press the first, and -30 press somebody else,
+    unless it swings."""
+    assert next_way(8.0) is None
+    assert (next_way(12.0) or 0.0) < -0.01
+    assert (next_way(-30.0) or 0.0) > 0.001
+    assert (next_way(-30.0, swings=0.3) or 0.0) < -0.01
+
+
 def hand(start: list[float], goal: list[float], link: str, point: list[float], at: list[float]) -> Squeeze:
     """A trial with somebody of 75 N/mm, drawn once: a seed draws other trials when limits change."""
     begin, end, own, world = (np.array(one) for one in (start, goal, point, at))

@@ -94,7 +94,7 @@ def test_one_topic_feeds_several_patches(published: str) -> None:
 def test_what_does_not_fit_is_told_with_what_there_is(published: str) -> None:
     reader_of(f"{published}/octets", pad=16).close()  # the publisher runs
     with pytest.raises(DriverError, match=rf"seen: .*{published}/shadow \(sr_robot_msgs/msg/UBI0All\)"):
-        SourceReader("gone", source_at("array:ros1:///nowhere"), {"pad": 16})
+        SourceReader("gone", source_at(f"array:ros1://{published}/shade"), {"pad": 16})
     with pytest.raises(DriverError, match=r"no paths for 2 patches; valid: one for each"):
         reader_of(f"{published}/octets", palm=4, tip=12)
     with pytest.raises(DriverError, match="publishers send definitions"):

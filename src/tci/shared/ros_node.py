@@ -6,6 +6,7 @@ import re
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from difflib import SequenceMatcher
 from typing import Any
 
 from tci.errors import DriverError, TciError
@@ -109,11 +110,11 @@ def namespace_of(address: str) -> str:
     return namespace
 
 
-def list_topics(topics: Mapping[str, Sequence[str]], *, most: int = 12) -> str:
-    """Topics with their types, on one line; ROS's own are left out."""
-    shown = {
-        name: kinds for name, kinds in topics.items() if not name.endswith(("/rosout", "/parameter_events"))
-    }
-    words = [f"{name} ({', '.join(kinds)})" for name, kinds in list(shown.items())[:most]]
+def list_topics(topics: Mapping[str, Sequence[str]], *, like: str, most: int = 12) -> str:
+    """Topics with their types, on one line, those first whose names are most like `like`; ROS's own are left
+    out."""
+    shown = [name for name in topics if not name.endswith(("/rosout", "/rosout_agg", "/parameter_events"))]
+    shown.sort(key=lambda name: -SequenceMatcher(None, like, name).ratio())
+    words = [f"{name} ({', '.join(topics[name])})" for name in shown[:most]]
     more = [f"and {len(shown) - most} more"] if len(shown) > most else []
     return ", ".join([*words, *more]) or "none"

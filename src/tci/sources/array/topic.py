@@ -95,8 +95,8 @@ class Topic:
         if not offered and not self._type:
             raise DriverError(
                 f"nobody publishes {self.name} ({self._ros.where_seen()}); seen: "
-                f"{list_topics(node.topics())}; start the publisher, {self._ros.hint}, or name the type with "
-                "type= to wait for it"
+                f"{list_topics(node.topics(), like=self.name)}; start the publisher, {self._ros.hint}, or name "
+                "the type with type= to wait for it"
             )
         if self._type and offered and self._type not in offered:
             raise DriverError(
@@ -135,7 +135,8 @@ class Topic:
         if offered:
             yield Finding(Level.OK, self.name, f"{', '.join(offered)} in {self._ros.where_seen()}")
             return
-        said = f"nobody publishes it now ({self._ros.where_seen()}); seen: {list_topics(node.topics())}"
+        seen = list_topics(node.topics(), like=self.name)
+        said = f"nobody publishes it now ({self._ros.where_seen()}); seen: {seen}"
         yield Finding(Level.WARNING, self.name, said, f"start its publisher, or {self._ros.hint}")
 
     def close(self) -> None:

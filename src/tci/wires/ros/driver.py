@@ -103,7 +103,7 @@ class RosDriver(RemoteDriver):
             elif any(offered.values()):
                 said, advice = f"no frame of {frames} arrived yet", "see that its publisher sends"
             else:
-                said = f"nobody publishes {frames} or {points}{self._seen()}"
+                said = f"nobody publishes {frames} or {points}{self._seen(frames)}"
                 advice = "start the publisher, or give the patch its <address> in the binding"
             yield Finding(Level.WARNING, patch, said, advice)
 
@@ -158,10 +158,10 @@ class RosDriver(RemoteDriver):
 
         return keep
 
-    def _seen(self) -> str:
+    def _seen(self, like: str) -> str:
         """The topics that there are, for an error message."""
         topics = self._node.topics()
-        return f"; seen: {list_topics(topics)}" if topics else ""
+        return f"; seen: {list_topics(topics, like=like)}" if topics else ""
 
     def _where_else(self) -> str:
         """Returns an addition to the error message that no node publishes the robot's joints."""
@@ -227,7 +227,7 @@ class RosDriver(RemoteDriver):
         if not offered:
             silent = "".join(f"; {node} is registered and does not answer" for node in self._node.silent)
             advice = f"check that the robot is on, and its ROS domain and namespace{self._where_else()}"
-            return f"no node publishes {topic} {where}{silent}{self._seen()}; {advice}"
+            return f"no node publishes {topic} {where}{silent}{self._seen(topic)}; {advice}"
         if JOINTS.name not in offered:
             return f"{topic} is {', '.join(offered)}; valid: {JOINTS.name}"
         if self._node.rejected:

@@ -184,6 +184,9 @@ def test_damaged_sets_are_refused(tmp_path: Path) -> None:
             read_oxt(store).rows("left_tactile_data_palm", 1)
     head = store / "data/left_tactile_data_palm/.zarray"
     about = json.loads(head.read_text())
+    head.write_text(json.dumps(about | {"compressor": {"id": "zlib", "level": 1}}))
+    with pytest.raises(RecordingError, match="packed by zlib; valid: zstd, blosc"):
+        read_oxt(store).rows("left_tactile_data_palm", 1)
     for change in ({"chunks": [10**9, 1, 4]}, {"dtype": "|O"}, {"shape": [4, 1, 4]}, {"zarr_format": 3}):
         head.write_text(json.dumps(about | change))
         with pytest.raises(RecordingError):

@@ -174,20 +174,25 @@ class ZarrArray:
             raise RecordingError(f"{path} is damaged: {error}") from error
 
     def _unpack(self, data: Any, size: int) -> Any:
-        if self.compressor is not None and self.compressor.get("id") == "zstd" and not self.filters:
+        """The bytes of a chunk of `size` bytes. Other codecs don't say beforehand how much they unpack to."""
+        codec = None if self.compressor is None else self.compressor.get("id")
+        if self.filters or codec not in (None, "zstd", "blosc"):
+            used = ", ".join(str(one.get("id")) for one in (*self.filters, *filter(None, [self.compressor])))
+            raise RecordingError(
+                f"{self.folder} is packed by {used}; valid: zstd, blosc or nothing, no filter"
+            )
+        if self.compressor is None:
+            return data
+        if codec == "zstd":
             if zstandard.frame_content_size(data) > size:
                 raise ValueError(f"more than {size} bytes")
             return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
-        if self.compressor is None and not self.filters:
-            return data
         with needs(f"reading {self.folder}, packed by another program", "oxt"):
             import numcodecs
 
-        if self.compressor and self.compressor.get("id") == "blosc" and _blosc_size(data) > size:
+        if _blosc_size(data) > size:
             raise ValueError(f"more than {size} bytes")
-        for config in ([self.compressor] if self.compressor else []) + [*reversed(self.filters)]:
-            data = numcodecs.get_codec(dict(config)).decode(data)
-        return data
+        return numcodecs.get_codec(dict(self.compressor)).decode(data)
 
 
 def _blosc_size(data: bytes) -> int:

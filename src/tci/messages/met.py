@@ -21,7 +21,7 @@ class Met:
     force: float
     """Largest force [N] on its skin; 0 where no skin feels it."""
     joint: str | None
-    """Servo that does not follow its reference; None if all do."""
+    """Servo that does not follow its reference, or that bears more torque than a moment ago; None if none."""
     behind: float
     """Angle [rad] by which it does not follow; 0 if it does."""
     answer: Answer

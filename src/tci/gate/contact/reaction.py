@@ -364,9 +364,12 @@ class ContactReaction:
             answer = "soft"
         elif self._now < group.until and seen.felt.force <= group.expected:
             answer = "expected"
-        joint = self._robot.servos[seen.worst].name if held else None
+        worst, error = seen.worst, seen.error
+        if error <= least and group.noticing.bears:  # only torques tell
+            worst, error = int(seen.servos[np.argmax(np.abs(seen.bears))]), 0.0
+        joint = self._robot.servos[worst].name if held else None
         for part in group.parts:
-            yield Met(part, seen.felt.force, joint, seen.error if held else 0.0, answer)
+            yield Met(part, seen.felt.force, joint, error if held else 0.0, answer)
 
     def _release(self, group: _Group) -> None:
         """A contact seems over: after a while the part obeys again."""

@@ -93,10 +93,10 @@ class Topic:
         while not (offered := node.types_of(self.name)) and time.monotonic() < end:
             time.sleep(0.02)
         if not offered and not self._type:
+            seen = list_topics(node.topics(), like=self.name)
             raise DriverError(
-                f"nobody publishes {self.name} ({self._ros.where_seen()}); seen: "
-                f"{list_topics(node.topics(), like=self.name)}; start the publisher, {self._ros.hint}, or name "
-                "the type with type= to wait for it"
+                f"nobody publishes {self.name} ({self._ros.where_seen()}); seen: {seen}; start the "
+                f"publisher, {self._ros.hint}, or name the type with type= to wait for it"
             )
         if self._type and offered and self._type not in offered:
             raise DriverError(

@@ -128,6 +128,13 @@ def test_the_sender_for_a_robots_computer_sends_what_the_hand_says(hand: Inspire
         sender.wait()
 
 
+def test_pads_on_fingers_that_nobody_measures_are_told(hand: InspireHand) -> None:
+    with tci.connect("g1-inspire", f"sim + {hand.via},side=left") as driver:
+        (told,) = (one.what for one in driver.diagnose() if "place assumed" in one.what)
+    assert "of 16 pads on fingers that nobody measures" in told, "all but the palm"
+    assert "left_palm" not in told
+
+
 class Idle(Capability[None]):
     """Needs nothing."""
 

@@ -19,6 +19,7 @@ from tci.drivers.wrapper import DriverWrapper
 from tci.errors import CommandError, DriverError, UnknownNameError
 from tci.messages import Reading, SkinFrame
 from tci.robot.description import Patch, Robot
+from tci.robot.kinematics import KinematicChain
 
 FIRST = 1.0
 """Longest time [s] that a new connection waits for the first frame of every pad."""
@@ -179,6 +180,24 @@ class SourcedDriver(DriverWrapper):
                 f"measures {len(reader.angles)} finger joints; touches are placed with the robot's own angles"
             )
             yield Finding(Level.NOTE, reader.name, said)
+        if carried := self._on_fingers(reader):
+            names = ", ".join(carried[:6])
+            said = f"place assumed of {len(carried)} pads on fingers that nobody measures: {names}"
+            advice = "their touches are placed with the simulation's fingers; hold the hand as these are"
+            yield Finding(Level.NOTE, reader.name, said, advice)
+
+    def _on_fingers(self, reader: SourceReader) -> list[str]:
+        """Patches of a source on links that fingers move in a simulation, and that no real joint measures."""
+        robot = self.info.robot
+        if not self.info.harmless or robot.model is None:
+            return []
+        kinematics = KinematicChain(robot)
+        fingers = {one.servo for part in robot.parts if part.kind == "fingers" for one in part.servos}
+        return [
+            name
+            for name, (one, _) in self._by_patch.items()
+            if one is reader and fingers & {*kinematics.chain(robot.patch(name).link)}
+        ]
 
     def _receive(self) -> Reading:
         reading = self.inner.read()

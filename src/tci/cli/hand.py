@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from tci.drivers.source_reader import SourceReader
+    from tci.robot.tactile_devices import DevicePad
 
 SHADES = " ·░▒▓█"
 EVERY = 0.1
@@ -88,12 +89,12 @@ def hand(
             time.sleep(max(0.0, min(end - time.monotonic(), 1e6)))
             print_json(_report(reader))
             return
-        most = dict.fromkeys(reader.pads, 1.0)
+        most, shapes = dict.fromkeys(reader.pads, 1.0), _shapes(reader)
         with Live(console=console, transient=True) as live:
             while time.monotonic() < end:
-                live.update(_picture(reader, most))
+                live.update(_picture(reader, most, shapes))
                 time.sleep(EVERY)
-        console.print(_picture(reader, most))
+        console.print(_picture(reader, most, shapes))
         for finding in reader.diagnose():
             words = f"{finding.level.value}: {finding.what}. {finding.advice}"
             console.print(words, highlight=False, markup=False)
@@ -147,7 +148,7 @@ def _describe(reader: SourceReader, folder: Path) -> None:
 
     reader.wait(2.0)
     time.sleep(1.0)  # the description has the rates that are measured
-    path = write_hand(reader, folder)
+    path = write_hand(reader, folder, shapes=_shapes(reader))
     via = f'--via "sim + {reader.name}"'
     console.print(f"wrote {path}, which stands for a robot:", highlight=False, markup=False)
     for command in (f"view {path}", f"record touch.mcap {path}", f"doctor {path}"):
@@ -164,7 +165,7 @@ def _view(reader: SourceReader) -> None:
     needs_viewer()
     reader.wait(2.0)
     with TemporaryDirectory() as folder:
-        path = write_hand(reader, Path(folder) / "hand")
+        path = write_hand(reader, Path(folder) / "hand", shapes=_shapes(reader))
         reader.close()
         view([str(path)], [f"sim + {reader.name}"])
 
@@ -175,6 +176,7 @@ def _examine(reader: SourceReader, *, as_json: bool) -> None:
     from tci.errors import CommandError
     from tci.lab.commissioning.hand import examine_hand
     from tci.lab.commissioning.hand_rest import rest_file
+    from tci.lab.commissioning.hand_turns import turns_file
 
     reader.wait(1.0)
 
@@ -184,9 +186,16 @@ def _examine(reader: SourceReader, *, as_json: bool) -> None:
         except typer.Abort as error:
             raise CommandError("--doctor asks you to press; valid: in a terminal") from error
 
-    last = rest_file(reader.name)
-    found = (*examine_hand(reader, ask, seconds=PRESS, last=last), *reader.diagnose())
+    last, turns = rest_file(reader.name), turns_file(reader.name)
+    found = (*examine_hand(reader, ask, seconds=PRESS, last=last, turns=turns), *reader.diagnose())
     print_findings(reader.name, found, (), as_json=as_json)
+
+
+def _shapes(reader: SourceReader) -> dict[str, DevicePad]:
+    """The pads as they lie, as far as somebody told."""
+    from tci.lab.commissioning.hand_turns import pads_as_found, turns_file
+
+    return pads_as_found(reader.source.device, turns_file(reader.name))
 
 
 def _report(reader: SourceReader) -> dict[str, Any]:
@@ -208,14 +217,14 @@ def _report(reader: SourceReader) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _picture(reader: SourceReader, most: dict[str, float]) -> RenderableType:
+def _picture(reader: SourceReader, most: dict[str, float], shapes: dict[str, DevicePad]) -> RenderableType:
     from rich.columns import Columns
     from rich.panel import Panel
     from rich.text import Text
 
-    from tci.robot.tactile_devices import devices, in_rows, pads_of
+    from tci.robot.tactile_devices import devices, in_rows
 
-    now, shapes = time.monotonic(), pads_of(reader.source.device)
+    now = time.monotonic()
     newtons = next((one.newton_per_count for one in devices() if one.name == reader.source.device), None)
     panels = []
     for name, pad in reader.pads.items():

@@ -34,6 +34,8 @@ class DevicePad:
     order: Literal["row-major", "column-major"] = "row-major"
     from_last_row: bool = False
     """True if a frame begins with the last row."""
+    from_last_column: bool = False
+    """True if rows begin with the last column."""
 
     @property
     def channels(self) -> int:
@@ -133,4 +135,4 @@ def in_rows(values: NDArray[np.generic], pad: DevicePad | None) -> NDArray[np.ge
         laid = values.reshape(pad.columns, pad.rows).T
     else:
         laid = values.reshape(pad.rows, pad.columns)
-    return laid[::-1] if pad.from_last_row else laid
+    return laid[:: -1 if pad.from_last_row else 1, :: -1 if pad.from_last_column else 1]

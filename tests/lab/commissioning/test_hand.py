@@ -7,13 +7,17 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from helpers.touch_devices import InspireHand
 from tci.drivers.diagnosis import Level
 from tci.drivers.registry import source_at
 from tci.drivers.source_reader import SourceReader
+from tci.lab.authoring.hand import write_hand
 from tci.lab.commissioning.hand import examine_hand
+from tci.lab.commissioning.hand_turns import pads_as_found
+from tci.robot.tactile_devices import in_rows, pads_of
 
 pytestmark = pytest.mark.timeout(60)
 CORNER = {"far left": 7, "far right": 111, "near left": 0}
@@ -95,6 +99,37 @@ def test_the_other_hand_and_a_pad_the_other_way_round_are_told(
     found = dict(told(reader, person))
     assert "opposite order" in found["fingers"]
     assert "far left at row 1, column 14, far right at row 1, column 1" in found["palm"]
+
+
+@pytest.mark.parametrize(
+    ("corner", "way", "first"),
+    [
+        ({"far left": 0, "far right": 104, "near left": 7}, "upside down", 0),
+        ({"far left": 111, "far right": 7, "near left": 104}, "mirrored", 111),
+        ({"far left": 104, "far right": 0, "near left": 111}, "turned by half a turn", 104),
+    ],
+)
+def test_which_way_round_a_pad_lies_is_kept(
+    hand: InspireHand, reader: SourceReader, tmp_path: Path, corner: dict[str, int], way: str, first: int
+) -> None:
+    person, turns = Person(hand), tmp_path / "hand.turns.json"
+    person.corner = corner
+
+    def advice() -> list[str]:
+        found = examine_hand(reader, person, seconds=0.1, turns=turns)
+        return [one.advice for one in found if one.level is Level.WARNING]
+
+    (said,) = advice()
+    assert f"the pad lies {way}" in said
+    assert advice() == [], "it knows by now"
+    palm = pads_as_found("inspire-rh56dftp", turns)["palm"]
+    assert in_rows(np.arange(112), palm)[0, 0] == first, "the far left corner"
+    path = write_hand(reader, tmp_path / "hand", shapes={"palm": palm})
+    rows = [line.split(",") for line in (path.parent / "palm.csv").read_text().splitlines()[1:]]
+    x, y = zip(*[(float(row[1]), float(row[2])) for row in rows], strict=True)
+    assert (x[first], y[first]) == (min(x), max(y))
+    turns.write_text("{rubbish")
+    assert pads_as_found("inspire-rh56dftp", turns)["palm"] == pads_of("inspire-rh56dftp")["palm"]
 
 
 def test_a_pad_that_rests_elsewhere_than_in_the_last_session_is_told_and_not_learnt(

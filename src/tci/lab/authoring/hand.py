@@ -4,6 +4,7 @@ viewer, calibration, plots."""
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -28,13 +29,13 @@ ALONG = ("tip", "nail", "top", "middle", "pad", "proximal")
 """Pads of a finger from its end."""
 
 
-def write_hand(reader: SourceReader, folder: Path) -> Path:
+def write_hand(reader: SourceReader, folder: Path, *, shapes: Mapping[str, DevicePad] | None = None) -> Path:
     """Writes `hand.xml` with its model and tables into a new folder, and returns its path.
 
-    Rows, columns, sizes and forces come from the table of devices; where it has none, a pad is a square of
-    taxels 3 mm apart, and forces are assumed. A joint `base` that nothing moves is there because each
-    description has one. Raises DriverError if a pad has not sent yet, has several values for each point, or
-    if the folder exists.
+    `shapes` are the pads as they lie; None for the table of devices. Sizes and forces come from that table;
+    where it has none, a pad is a square of taxels 3 mm apart, and forces are assumed. A joint `base` that
+    nothing moves is there because each description has one. Raises DriverError if a pad has not sent yet, has
+    several values for each point, or if the folder exists.
     """
     silent = [pad for pad, state in reader.pads.items() if state.values is None]
     if silent:
@@ -45,7 +46,7 @@ def write_hand(reader: SourceReader, folder: Path) -> Path:
         folder.mkdir(parents=True)
     except FileExistsError as error:
         raise DriverError(f"{folder} exists; valid: a new folder") from error
-    shapes = pads_of(reader.source.device)
+    shapes = pads_of(reader.source.device) if shapes is None else shapes
     device = next((one for one in devices() if one.name == reader.source.device), None)
     points = {pad: _points(state.channels, shapes.get(pad)) for pad, state in reader.pads.items()}
     bodies, patches = [], []

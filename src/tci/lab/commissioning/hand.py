@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.source_reader import SourceReader
 from tci.lab.commissioning.hand_rest import SHARE, compare_rest
+from tci.lab.commissioning.hand_turns import WAYS, keep_turn, pads_as_found, turned
 from tci.robot.tactile_devices import FINGERS, DevicePad, devices, in_rows, pads_of, place_of
 
 NOISE = 5.0
@@ -42,10 +43,16 @@ class Seen:
 
 
 def examine_hand(
-    reader: SourceReader, ask: Ask, *, seconds: float, last: Path | None = None
+    reader: SourceReader, ask: Ask, *, seconds: float, last: Path | None = None, turns: Path | None = None
 ) -> tuple[Finding, ...]:
-    """Looks for `seconds` [s] after each thing that it asks for. `last` is the file with the rest of the last
-    session, which this one replaces unless a pad rests elsewhere."""
+    """
+    Args:
+        reader: The hand.
+        ask: Asks a person.
+        seconds: How long to look after each thing that it asks for.
+        last: File with the rest of the last session, which this one replaces unless a pad rests elsewhere.
+        turns: File with which way round the pads lie, where what three corners show is kept.
+    """
     ask("take your hands off it")
     rest = _watch(reader, seconds)
     found = list(_at_rest(reader, rest))
@@ -72,8 +79,14 @@ def examine_hand(
             )
     found += _exchanged(felt)
     found += _after_presses(reader, rest, most, felt)
-    if (shaped := _largest_shaped(reader)) is not None:
-        found += _corners(reader, rest, *shaped, ask, seconds)
+    device = reader.source.device
+    shapes = pads_of(device) if turns is None else pads_as_found(device, turns)
+    if known := [pad for pad in reader.pads if pad in shapes]:
+        largest = max(known, key=lambda one: shapes[one].channels)
+        told, way = _corners(reader, rest, largest, shapes[largest], ask, seconds)
+        found.append(told)
+        if turns is not None and way in WAYS:
+            keep_turn(turns, device, shapes | {largest: turned(shapes[largest], *way)})
     return tuple(found)
 
 
@@ -165,42 +178,45 @@ def _after_presses(
             yield Finding(Level.NOTE, pad, said, "they feel no difference above it")
 
 
-def _largest_shaped(reader: SourceReader) -> tuple[str, DevicePad] | None:
-    """The pad with the most taxels whose rows and columns are known."""
-    shapes = pads_of(reader.source.device)
-    known = [pad for pad in reader.pads if pad in shapes]
-    if not known:
-        return None
-    pad = max(known, key=lambda one: shapes[one].channels)
-    return pad, shapes[pad]
-
-
 def _corners(
     reader: SourceReader, rest: dict[str, Seen], pad: str, shape: DevicePad, ask: Ask, seconds: float
-) -> Iterator[Finding]:
+) -> tuple[Finding, tuple[bool, bool] | None]:
+    """What to say, and whether rows and columns come from the other end; None if neither explains it."""
     seen: dict[str, tuple[int, int]] = {}
     for corner in CORNERS:
         ask(f"press only the {corner} corner of {_named(pad)}, the fingers pointing away from you")
         change = _watch(reader, seconds)[pad].change(rest[pad])
         if _share(change, rest[pad]) < 1.0:
-            yield Finding(Level.WARNING, pad, f"pressing its {corner} corner changes nothing", "press harder")
-            return
+            said = f"pressing its {corner} corner changes nothing"
+            return Finding(Level.WARNING, pad, said, "press harder"), None
         laid = in_rows(change, shape)
         row, column = np.unravel_index(int(laid.argmax()), laid.shape)
         seen[corner] = int(row), int(column)
-    expected = {
-        corner: (row % shape.rows, column % shape.columns) for corner, (row, column) in CORNERS.items()
-    }
-    if all(_near(seen[corner], expected[corner], shape) for corner in CORNERS):
-        said = "three corners show where the table of devices puts them"
-        yield Finding(Level.OK, pad, said)
-    else:
-        where = ", ".join(
-            f"{corner} at row {row + 1}, column {column + 1}" for corner, (row, column) in seen.items()
-        )
-        said = f"corners show elsewhere than the table of devices puts them: {where}"
-        advice = "turn or mirror the pad in your description, so that a touch shows at its place"
-        yield Finding(Level.WARNING, pad, said, advice)
+    fitting = [
+        way
+        for way in ((False, False), *WAYS)
+        if all(_near(seen[corner], _corner(corner, way, shape), shape) for corner in CORNERS)
+    ]
+    if fitting == [(False, False)]:
+        return Finding(Level.OK, pad, "three corners show where they are taken to be"), fitting[0]
+    where = ", ".join(
+        f"{corner} at row {row + 1}, column {column + 1}" for corner, (row, column) in seen.items()
+    )
+    said = f"corners show elsewhere than they are taken to be: {where}"
+    if len(fitting) != 1:
+        return Finding(Level.WARNING, pad, said, "press only the corner that is asked for"), None
+    advice = (
+        f"the pad lies {WAYS[fitting[0]]}: tci hand shows and describes it so from now on; turn it yourself "
+        "in a description of your own"
+    )
+    return Finding(Level.WARNING, pad, said, advice), fitting[0]
+
+
+def _corner(corner: str, way: tuple[bool, bool], shape: DevicePad) -> tuple[int, int]:
+    """Row and column of a corner if rows or columns come from the other end."""
+    row, column = CORNERS[corner]
+    row, column = (-1 - row if way[0] else row), (-1 - column if way[1] else column)
+    return row % shape.rows, column % shape.columns
 
 
 def _near(seen: Sequence[int], expected: Sequence[int], shape: DevicePad) -> bool:

@@ -14,7 +14,7 @@ from tci.drivers.driver import Driver
 from tci.drivers.server import Server
 from tci.drivers.source import Source
 from tci.drivers.source_reader import said
-from tci.drivers.sourced import Address, SourcedDriver
+from tci.drivers.sourced import Address, SourcedDriver, patches_of
 from tci.errors import DriverError, TciError, UnknownNameError
 from tci.robot.description import Robot
 from tci.robot.like import RobotLike, as_robot
@@ -113,8 +113,15 @@ def connect(robot: RobotLike, via: str = "sim", *, arm: bool | None = None, **op
     others = [one for one in others if one not in sources]
     if sources:
         made = [(via, source_at(via)) for via in sources]
-        if "paced" in inspect.signature(load_driver(first.partition(":")[0])).parameters:
+        known = inspect.signature(load_driver(first.partition(":")[0])).parameters
+        if "paced" in known:
             options.setdefault("paced", True)  # a real sensor does not wait for a simulation
+        if "felt" in known:  # a driver that leaves out the patches that it can't read
+            options["felt"] = {
+                patch.name
+                for via, source in made
+                for patch in patches_of(robot, Address.of(via), source).values()
+            }
         joined = JOIN.join((first, *others))
         arm = options.pop("arm", None)
         inner = connect(robot, joined, arm=arm, **options)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 
 import tci
 from helpers.dds_domains import DOMAINS
+from helpers.served import Served
 from tci.body.generic_body import order_to_platform
 from tci.drivers.simulated import SimulatedDriver
 from tci.messages import Order, Perception, Reading
@@ -101,3 +103,18 @@ def test_a_reading_that_came_once_is_shown_once() -> None:
             sent = driver.write(driver.gate.step((), joints, now))
             server.publish(replace(reading, joints=joints), Perception(now, {}, ()), sent)
     assert shown == [0, 4, 8, 12, 16]
+
+
+def test_a_source_beside_a_g1_feels_a_patch_that_no_hand_of_the_g1_reads() -> None:
+    via = f"unitree:lo/{next(DOMAINS)}"
+    robot = Served("g1", via)
+    try:
+        with tci.connect("g1", f"{via} + array:feed,patch=left_forearm") as driver:
+            assert [patch.name for patch in driver.robot.patches] == ["left_forearm"]
+            driver.feed("left_forearm", np.full(driver.robot.patch("left_forearm").channels, 7.0))
+            end = time.monotonic() + 5.0
+            while not any((frame.values == 7.0).all() for frame in driver.read().skin):
+                assert time.monotonic() < end, "no frame of the source"
+                time.sleep(0.01)
+    finally:
+        robot.kill()

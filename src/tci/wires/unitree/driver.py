@@ -15,6 +15,7 @@ process is killed, the keeper still returns the control of the motors to the rob
 from __future__ import annotations
 
 import time
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any
 
@@ -58,14 +59,21 @@ class UnitreeDriver(Driver):
     jerk."""
 
     def __init__(
-        self, robot: Robot, address: str = "", *, arm: bool = False, skin: bool = True, wait: float = WAIT
+        self,
+        robot: Robot,
+        address: str = "",
+        *,
+        arm: bool = False,
+        skin: bool = True,
+        felt: Collection[str] = (),
+        wait: float = WAIT,
     ) -> None:
         """Connects to the robot over the network interface in `address`, such as `eth0`.
 
         An armed driver takes control of waist and arms in their present posture within a second. With
         `?control=all`, an armed driver takes control of all motors, and first switches off the robot's own
         controller, which keeps the balance. With `skin=False`, the driver does not read the hands' press
-        sensors, so that other drivers can read the skin.
+        sensors, so that other drivers can read the skin. `felt` are the patches that sources beside it feel.
 
         Raises DriverError if other machines may reach the interface, if no state arrives within `wait` [s],
         or if an armed driver finds the robot not ready. The robot is not ready, for example, if a motor
@@ -73,7 +81,9 @@ class UnitreeDriver(Driver):
         """
         self.where = parse_unitree(address)
         if skin:
-            robot = robot.model_copy(update={"patches": patches_of(robot)})
+            kept = {patch.name for patch in patches_of(robot)} | {*felt}
+            patches = tuple(patch for patch in robot.patches if patch.name in kept)
+            robot = robot.model_copy(update={"patches": patches})
         super().__init__(
             DriverInfo.of(
                 robot,

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import tci
-from tci.errors import CommandError, TciError, UnknownNameError
+from tci.errors import CommandError, DescriptionError, Fault, MissingExtraError, TciError, UnknownNameError
 from tci.reasons import NO_REASON, Code, Reason, ReasonCounter, number_of, reason_of, text_of
 
 SOURCE = Path(tci.__file__).parent
@@ -151,3 +151,20 @@ def test_kinds_may_be_read_while_another_thread_counts() -> None:
         worker.join()
     finally:
         sys.setswitchinterval(usual)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        DescriptionError("nao.xml", [Fault(3, "no link"), Fault(0, "no joint")]),
+        UnknownNameError("part", "left_am", ["left_arm", "head"]),
+        MissingExtraError("tci view", "viser", "pip install"),
+        CommandError("too fast", code=Code.WRONG_MODE),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_errors_cross_to_other_processes_whole(error: TciError) -> None:
+    again = pickle.loads(pickle.dumps(error))
+    assert (type(again), str(again), vars(again), again.code) == (
+        type(error), str(error), vars(error), error.code,
+    )  # fmt: skip

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from tci.reasons import Code, Notice, Reason
 
@@ -41,10 +42,18 @@ class TciError(Exception):
         if code is not None:
             self.code = code
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Errors cross to other processes whole: the message is kept, not made again from it."""
+        return _again, (type(self), self.args), self.__dict__
+
     @property
     def reason(self) -> Reason:
         """Returns the error as a reason to refuse or to stop."""
         return Reason(self.code, str(self))
+
+
+def _again(kind: type[TciError], words: tuple[object, ...]) -> TciError:
+    return kind.__new__(kind, *words)
 
 
 @dataclass(frozen=True, slots=True)

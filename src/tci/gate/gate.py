@@ -25,7 +25,8 @@ from numpy.typing import ArrayLike
 
 from tci.errors import CommandError, DriverError, TciError
 from tci.gate.acceptance import check_command, fault_of_reading
-from tci.gate.contact.reaction import ContactReaction, Way
+from tci.gate.contact.group import Way
+from tci.gate.contact.reaction import ContactReaction
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.joint_group import groups_of
 from tci.gate.joint_monitor import JointMonitor

@@ -10,10 +10,7 @@ resting part that somebody presses gives way (`softness`), and obeys.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +19,12 @@ from tci.errors import UnknownNameError
 from tci.gate.contact.bearing import Bearing
 from tci.gate.contact.felt import Felt, FeltForces
 from tci.gate.contact.following import CLEAR, PROGRESS, Following
-from tci.gate.contact.noticing import EARLIER, SIGN, Noticing, Seen, bounds
+from tci.gate.contact.group import Group, Way
+from tci.gate.contact.noticing import EARLIER, SIGN, Seen, bounds
 from tci.gate.contact.others import First
-from tci.gate.contact.path import STEP, Path
+from tci.gate.contact.path import STEP
 from tci.gate.contact.settings import ContactSettings
-from tci.gate.contact.softness import LIGHT, Softness
+from tci.gate.contact.softness import LIGHT
 from tci.gate.contact.weights import Sag, bends
 from tci.gate.joint_monitor import Reference
 from tci.messages import Answer, Contacts, JointReading, Met
@@ -49,72 +47,6 @@ EXPECTED_FOR = 0.5
 nothing."""
 MOVES = float(np.deg2rad(2.0))
 """Speed [rad/s] above which a reference moves a part, and so may have made a force."""
-
-
-class Way(NamedTuple):
-    """Where servos go on the gate's own order."""
-
-    servos: NDArray[np.intp]
-    """(k,)."""
-    angles: Array
-    """(k,) [rad]."""
-    speed: float | None
-    """[rad/s]; None is their full speed."""
-
-
-@dataclass(slots=True)
-class _Group:
-    """One group of servos that move together."""
-
-    servos: NDArray[np.intp]
-    parts: tuple[str, ...]
-    answer: Literal["retreat", "soft", "stop"] = "retreat"
-    path: Path = field(default_factory=Path)
-    noticing: Noticing = field(default_factory=Noticing)
-    softness: Softness = field(default_factory=Softness)
-    sag: Sag = field(default_factory=Sag)
-    before: Array | None = None
-    """Torques (n_servos,) [N m] before the contact."""
-    push: Array = field(default_factory=lambda: np.zeros(0))
-    """Where its joints pushed whom they met (k,), see `Seen.push`."""
-    first: First | None = None
-    """Whom it met; None without a reaction."""
-    goal: Array | None = None
-    """Where the present way back ends [rad]; None without a reaction."""
-    since: float = 0.0
-    """When the reference reached the goal [s]; inf while it moves."""
-    free: float | None = None
-    """When the contact was over [s]."""
-    reactions: deque[float] = field(default_factory=deque)
-    moved: float = -np.inf
-    """When the reference moved last [s]."""
-    expected: float = 0.0
-    """Force [N] that a capability handles itself."""
-    until: float = -np.inf
-    """How long it does [s]."""
-    slow: bool = False
-    """It is freed on an operator's word."""
-
-    @property
-    def name(self) -> str:
-        return " and ".join(self.parts)
-
-    def references(self, reference: Reference, position: Array) -> Array:
-        """References (k,) [rad]; where it has none, where the joint is."""
-        whole = position.copy()
-        whole[reference.servos] = reference.position
-        found: Array = whole[self.servos]
-        return found
-
-    def bears(self, joints: JointReading, bearing: Bearing) -> Array:
-        """What its joints bear more than before the contact (k,), as `Seen.bears`."""
-        return bearing.beyond(joints.torque, self.before)[self.servos]
-
-    def goes(self, goal: Array) -> Array:
-        self.goal, self.since, self.free = goal, np.inf, None
-        return goal
-
-
 STILL = 0.5
 """Fraction of the torque that counts from which on a joint still presses after a way back: twice what dry
 friction is that turned."""
@@ -130,7 +62,7 @@ class ContactReaction:
         """`groups` (n_servos,) is the number of each servo's group. Raises UnknownNameError if the settings
         name a part that the robot lacks."""
         self._robot, self._settings = robot, settings
-        self._groups: dict[int, _Group] = {}
+        self._groups: dict[int, Group] = {}
         # legs carry the robot, so they stop and stay stiff; a grasp loads the fingers on purpose
         others = {
             groups[one.servo]
@@ -148,7 +80,7 @@ class ContactReaction:
                 continue
             own = [servo for servo, group in enumerate(groups) if group == number]
             names = [name for name, numbers in parts.items() if number in numbers]
-            self._groups[number] = _Group(np.array(own), tuple(names) or (robot.servos[own[0]].robot_part,))
+            self._groups[number] = Group(np.array(own), tuple(names) or (robot.servos[own[0]].robot_part,))
         for name, answer in settings.answers.items():
             if name not in parts:
                 raise UnknownNameError("part", name, parts)
@@ -187,7 +119,7 @@ class ContactReaction:
         """Sends every part that is in contact back with the next reading, slowly."""
         self._freeing = True
 
-    def _groups_of(self, servos: NDArray[np.intp]) -> Iterator[_Group]:
+    def _groups_of(self, servos: NDArray[np.intp]) -> Iterator[Group]:
         return (one for one in self._groups.values() if np.isin(servos, one.servos).any())
 
     def forget(self) -> None:
@@ -296,7 +228,7 @@ class ContactReaction:
         torque = abs(float(seen.bears[place])) * self._bearing.least[servo]
         return f"{self._robot.servos[servo].name} bears {torque:.1f} N m more than a moment ago"
 
-    def _look(self, group: _Group, seen: Seen, *, freeing: bool) -> tuple[Array | None, Reason | None]:
+    def _look(self, group: Group, seen: Seen, *, freeing: bool) -> tuple[Array | None, Reason | None]:
         """At a group that nothing has met so far: where it must go, and why."""
         noticing = group.noticing
         noticing.look(seen, self._settings, moves=self._moves_now(group))
@@ -335,23 +267,23 @@ class ContactReaction:
         self._begin(group, goal)
         return goal, Reason(Code.CONTACT, f"{group.name} met something: {what}; it {DOES[group.answer]}")
 
-    def _references(self, group: _Group, seen: Seen) -> Array:
+    def _references(self, group: Group, seen: Seen) -> Array:
         return group.references(seen.reference, seen.joints.position)
 
-    def _back(self, group: _Group, seen: Seen, before: float, *, pulled: bool) -> Array:
+    def _back(self, group: Group, seen: Seen, before: float, *, pulled: bool) -> Array:
         pull = seen.pull if pulled else np.zeros(len(seen.pull))
         return group.path.back(seen.here, before, seen.own, pull)
 
-    def _moves(self, group: _Group) -> bool:
+    def _moves(self, group: Group) -> bool:
         """True if a group may have made a contact: it moves, or did a moment ago, and not because somebody
         pushes it."""
         return not group.softness.soft and self._now - group.moved < MADE
 
-    def _moves_now(self, group: _Group) -> bool:
+    def _moves_now(self, group: Group) -> bool:
         """True while the latest readings may tell of a reference that moved."""
         return self._now - group.moved <= self._settings.lag
 
-    def _tell(self, group: _Group, seen: Seen) -> Iterator[Met]:
+    def _tell(self, group: Group, seen: Seen) -> Iterator[Met]:
         over = group.goal is None or group.free is not None
         least = max(0.5 * self._settings.held, seen.excused)
         held = group.noticing.sure or (group.goal is not None and seen.error > least)
@@ -371,14 +303,14 @@ class ContactReaction:
         for part in group.parts:
             yield Met(part, seen.felt.force, joint, error if held else 0.0, answer)
 
-    def _release(self, group: _Group) -> None:
+    def _release(self, group: Group) -> None:
         """A contact seems over: after a while the part obeys again."""
         group.free = self._now if group.free is None else group.free
         if self._now - group.free > self._settings.quiet:
             group.goal, group.first, group.slow = None, None, False
             group.path.clear()
 
-    def _judge(self, group: _Group, seen: Seen) -> Array | None:
+    def _judge(self, group: Group, seen: Seen) -> Array | None:
         """On a way back, and after it: where to go next, or None."""
         assert group.goal is not None
         assert group.first is not None
@@ -426,7 +358,7 @@ class ContactReaction:
         self._release(group)
         return None
 
-    def _leave(self, group: _Group, seen: Seen) -> Array:
+    def _leave(self, group: Group, seen: Seen) -> Array:
         """From somebody whom the group met on its way back: where it goes."""
         assert group.first is not None
         group.path.clear()
@@ -444,7 +376,7 @@ class ContactReaction:
             if not self._moves(group):
                 group.softness.rest(group.references(reference, joints.position) - here)
 
-    def _begin(self, group: _Group, goal: Array) -> None:
+    def _begin(self, group: Group, goal: Array) -> None:
         group.goes(goal)
         group.noticing.outside, group.softness.soft = 0, False
         if group.slow:

@@ -1,0 +1,84 @@
+"""One group of servos that move together, and what is known of its contact."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.gate.contact.bearing import Bearing
+from tci.gate.contact.noticing import Noticing
+from tci.gate.contact.others import First
+from tci.gate.contact.path import Path
+from tci.gate.contact.softness import Softness
+from tci.gate.contact.weights import Sag
+from tci.gate.joint_monitor import Reference
+from tci.messages import JointReading
+from tci.messages.frames import Array
+
+
+class Way(NamedTuple):
+    """Where servos go on the gate's own order."""
+
+    servos: NDArray[np.intp]
+    """(k,)."""
+    angles: Array
+    """(k,) [rad]."""
+    speed: float | None
+    """[rad/s]; None is their full speed."""
+
+
+@dataclass(slots=True)
+class Group:
+    """One group of servos that move together."""
+
+    servos: NDArray[np.intp]
+    parts: tuple[str, ...]
+    answer: Literal["retreat", "soft", "stop"] = "retreat"
+    path: Path = field(default_factory=Path)
+    noticing: Noticing = field(default_factory=Noticing)
+    softness: Softness = field(default_factory=Softness)
+    sag: Sag = field(default_factory=Sag)
+    before: Array | None = None
+    """Torques (n_servos,) [N m] before the contact."""
+    push: Array = field(default_factory=lambda: np.zeros(0))
+    """Where its joints pushed whom they met (k,), see `Seen.push`."""
+    first: First | None = None
+    """Whom it met; None without a reaction."""
+    goal: Array | None = None
+    """Where the present way back ends [rad]; None without a reaction."""
+    since: float = 0.0
+    """When the reference reached the goal [s]; inf while it moves."""
+    free: float | None = None
+    """When the contact was over [s]."""
+    reactions: deque[float] = field(default_factory=deque)
+    moved: float = -np.inf
+    """When the reference moved last [s]."""
+    expected: float = 0.0
+    """Force [N] that a capability handles itself."""
+    until: float = -np.inf
+    """How long it does [s]."""
+    slow: bool = False
+    """It is freed on an operator's word."""
+
+    @property
+    def name(self) -> str:
+        return " and ".join(self.parts)
+
+    def references(self, reference: Reference, position: Array) -> Array:
+        """References (k,) [rad]; where it has none, where the joint is."""
+        whole = position.copy()
+        whole[reference.servos] = reference.position
+        found: Array = whole[self.servos]
+        return found
+
+    def bears(self, joints: JointReading, bearing: Bearing) -> Array:
+        """What its joints bear more than before the contact (k,), as `Seen.bears`."""
+        return bearing.beyond(joints.torque, self.before)[self.servos]
+
+    def goes(self, goal: Array) -> Array:
+        self.goal, self.since, self.free = goal, np.inf, None
+        return goal

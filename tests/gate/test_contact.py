@@ -136,6 +136,22 @@ def test_a_person_who_bends_a_joint_as_a_weight_might_is_freed_all_the_same(
     assert -held.hand[1] < np.deg2rad(0.7)
 
 
+def test_where_no_path_is_left_the_reference_goes_beyond_the_joint_so_that_nothing_presses_at_once() -> None:
+    """Somebody as stiff as the servo bears half of what it is bent by. A reference that goes only to where
+    the joint is leaves half of that each time."""
+    held = Held(at=10.0, settings=GateSettings(contact=ContactSettings(answers={"left_arm": "soft"})))
+    held.step(position_command([2], [1.5]))
+    forces, told = [], []
+    for _ in range(600):
+        held.hand[2] = -0.5 * max(held.sent.get(2, 0.0) - 0.5, 0.0)
+        held.step()
+        forces.append(-held.hand[2])
+        told.append(bool(held.told))
+    noticed = told.index(True)
+    assert forces[noticed] > np.deg2rad(1.0)
+    assert max(forces[noticed + round(0.5 / PERIOD) :]) < 1e-6
+
+
 def test_without_the_answer_it_presses_for_ever() -> None:
     held = Held(settings=ALONE)
     held.step(position_command([2], [1.5]))

@@ -96,6 +96,8 @@ def _print_tables(robot: Robot) -> None:
             f"driver [bold]{binding.middleware}[/]: {binding.rate:g} commands/s; the robot holds when joint "
             f"data is older than {binding.stale_after * 1000:g} ms"
         )
+        if binding.sources:
+            console.print(f"  with {' + '.join(binding.sources)}", highlight=False, markup=False)
 
 
 def _cartesian(point: CartesianActuator) -> str:

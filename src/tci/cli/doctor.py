@@ -84,7 +84,7 @@ def _examine(
             return found, ()
         driver = connect(robot, via, arm=False)
     except UnknownNameError as error:
-        if error.kind == "driver":
+        if error.kind in ("driver", "source"):
             raise
         advice = f"add <binding middleware={name!r} .../> to the description of {robot.name}"
         return (Finding(Level.FAULT, "description", str(error), advice),), ()

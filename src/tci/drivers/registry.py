@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, Literal, overload
 
@@ -92,7 +92,8 @@ def connect(robot: RobotLike, via: str = "sim", *, arm: bool | None = None, **op
 
     - `via` is "sim", or "NAME:ADDRESS" for drivers that need an address. With "DRIVER + DRIVER" the first
       driver reads and moves the joints, and the others read the skin. With "DRIVER + SOURCE" the driver does
-      all that it does alone, and the source gives the patches that it feels.
+      all that it does alone, and the source gives the patches that it feels. Without a source here, those
+      that the description names for this driver are opened.
     - `arm`: a driver sends commands only if it is armed. By default, a driver of a simulation or a recording
       is armed, and a driver of a real robot is not armed.
     - `options` are passed to the first driver.
@@ -111,6 +112,8 @@ def connect(robot: RobotLike, via: str = "sim", *, arm: bool | None = None, **op
         options["arm"] = arm
     sources = [one for one in others if one.partition(":")[0] in source_names()]
     others = [one for one in others if one not in sources]
+    if not sources:
+        sources = _own_sources(robot, first)
     if sources:
         made = [(via, source_at(via)) for via in sources]
         known = inspect.signature(load_driver(first.partition(":")[0])).parameters
@@ -122,14 +125,17 @@ def connect(robot: RobotLike, via: str = "sim", *, arm: bool | None = None, **op
                 for via, source in made
                 for patch in patches_of(robot, Address.of(via), source).values()
             }
-        joined = JOIN.join((first, *others))
-        arm = options.pop("arm", None)
-        inner = connect(robot, joined, arm=arm, **options)
+        inner = _join(robot, first, others, options)
         try:
             return SourcedDriver(inner, made)
         except BaseException:
             inner.close()
             raise
+    return _join(robot, first, others, options)
+
+
+def _join(robot: Robot, first: str, others: Sequence[str], options: Mapping[str, Any]) -> Driver:
+    """Opens the driver `first`, which is moved, and those of the skin."""
     if not others:
         return _open(robot, first, **options)
     opened: list[Driver] = []
@@ -142,6 +148,12 @@ def connect(robot: RobotLike, via: str = "sim", *, arm: bool | None = None, **op
         for driver in opened:
             driver.close()
         raise
+
+
+def _own_sources(robot: Robot, via: str) -> list[str]:
+    """The sources that the description names for the driver at `via`."""
+    name = via.partition(":")[0]
+    return [one for binding in robot.bindings if binding.middleware == name for one in binding.sources]
 
 
 def _open_half(robot: Robot, via: str, *, without: str, **options: Any) -> Driver:

@@ -34,6 +34,9 @@ class Binding(Description):
     """Age [s] of joint data above which the gate stops the robot until newer data arrives."""
     addresses: tuple[Address, ...] = ()
     """Addresses that differ from the names that the middleware usually uses."""
+    sources: tuple[str, ...] = ()
+    """Hands and loose sensors of this robot, `NAME:ADDRESS,option=value` each. `connect` adds them to this
+    middleware's driver if it is given no source."""
 
     def address(self, of: str, usual: str) -> str:
         """Returns the address of the patch, robot part or servo named `of`. If the description has no address

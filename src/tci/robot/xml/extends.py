@@ -17,7 +17,7 @@ from tci.robot.xml.document import parse, read_bytes, refuse, shown
 from tci.robot.xml.grammar import ROOT
 
 ATTRIBUTE, REMOVED = "extends", "removed"
-KEYS = ("id", "destination_servo_id", "name", "middleware", "of", "joint", "frame", "prefix")
+KEYS = ("id", "destination_servo_id", "name", "middleware", "of", "joint", "frame", "prefix", "via")
 """Attributes that distinguish elements with equal tags."""
 MODELS = ("robot", "mujoco", "sdf")
 """Root elements of models: URDF, MJCF, SDF."""

@@ -384,7 +384,13 @@ BINDING = Element(
             "or a key. Without an `address` the default name is used.",
             needs={"of": NAME, "to": ADDRESS},
             may={"channels": Integer(1, 100_000), "modules": Integers(ID)}, describes=Address,
-        )
+        ),
+        "source": Element(
+            "A tactile hand or loose sensor that this robot has, as it stands behind the driver in the "
+            "option `--via`. It is opened with this middleware, unless `--via` names a source. Not with sim, "
+            "which must run without the hand.",
+            needs={"via": ADDRESS},
+        ),
     },
     describes=Binding,
 )  # fmt: skip

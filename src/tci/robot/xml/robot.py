@@ -133,7 +133,12 @@ def _bindings(root: Node, servos: Servos, patches: Sequence[Patch], faults: Faul
             addresses.append(Address(**place.fields))
             if name not in faulty:
                 _check_modules(place, addresses[-1], channels, faults)
-        bindings.append(Binding(**node.fields, addresses=tuple(addresses)))
+        sources = [one for one in once_only(node.all("source"), "via", "source with", faults) if one.ok]
+        if sources and node.get("middleware") == "sim":
+            words = "a source in the binding of sim: a simulation must run without it; valid: --via"
+            faults.add(sources[0].line, f"{words} 'sim + {sources[0].get('via')}'")
+        via = tuple(one.get("via") for one in sources)
+        bindings.append(Binding(**node.fields, addresses=tuple(addresses), sources=via))
     return tuple(bindings)
 
 

@@ -61,7 +61,11 @@ def write_robot(
         for patch in robot.patches:
             _patch(skin, patch)
     for binding in robot.bindings:
-        root.add("binding", binding)
+        written = root.add("binding", binding)
+        for address in binding.addresses:
+            written.add("address", address)
+        for via in binding.sources:
+            written.add("source", via=via)
     etree.indent(root.node)
     text: str = etree.tostring(root.node, encoding="unicode")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'

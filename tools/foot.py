@@ -43,8 +43,8 @@ def draw(data: Path, out: Path) -> None:
     neighbours = find_neighbours(layout.positions[taxels], layout.normals[taxels])
     unloaded = values[np.sort(np.argsort(-values[:, taxels].mean(axis=1))[:40])][:, taxels]
     patch = Patch(
-        name="right_foot", part="right_leg", link="r_sole", rate=50.0, channels=values.shape[1],
-        sensor=SENSOR, surface=Table(file="right_foot.txt", format="icub"),
+        name="right_foot", part="right_leg", segment="foot", link="r_sole", rate=50.0,
+        channels=values.shape[1], sensor=SENSOR, surface=Table(file="right_foot.txt", format="icub"),
     )  # fmt: skip
     normals, areas = layout.normals[taxels], layout.areas[taxels]
     surface = Surface(

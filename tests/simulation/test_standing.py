@@ -5,21 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from helpers.skin_data import SkinData
 from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError
-from tci.messages import Landmark
+from tci.messages import Contact, JointReading, Landmark, Reading, SkinFrame
 from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.robot.gravity import Gravity
-from tci.robot.joint_map import generic_posture
+from tci.robot.joint_map import generic_posture, initial_position
 from tci.runtime.loop import Tick, run
 from tci.simulation.world import World
 
 ROBOTS = {name: load_robot(name) for name in ("nao-whole", "icub-whole")}
 NAMES = pytest.mark.parametrize("name", ROBOTS)
+SOLE = "right_sole"
 SHIN = Landmark("shank", (1.0, 0.0, 0.0))
 LEAN = {"nao-whole": 20.0, "icub-whole": 11.0}
 """Angle [degrees] of hips and ankles that moves the weight over the right foot."""
@@ -39,6 +41,14 @@ def standing(name: str, *, lean: float = 0.0) -> World:
 def tilt(world: World) -> float:
     """Returns the angle [rad] between the torso and the vertical."""
     return float(np.arccos(np.clip(world.torso[2, 2], -1.0, 1.0)))
+
+
+def contacts_of_sole(perceiver: Perceiver, stamp: float, values: Array) -> list[Contact]:
+    """Shows a perceiver of icub-whole one frame of its right sole, and returns the contacts on it."""
+    robot = ROBOTS["icub-whole"]
+    still = JointReading(stamp, 0, np.array(initial_position(robot)), np.zeros(len(robot.servos)))
+    frame = SkinFrame(SOLE, stamp, round(stamp / 0.02), values)
+    return [c for c in perceiver.step(Reading(still, (frame,)), stamp).contacts if c.patch == SOLE]
 
 
 def poke_the_shin(world: World, reflex: BodyWithdrawal, part: str) -> tuple[set[str], str]:
@@ -169,3 +179,44 @@ def test_where_the_centre_of_mass_would_be_is_told() -> None:
 def test_a_robot_without_soles_can_not_stand() -> None:
     with pytest.raises(CommandError, match="can't stand: no skin on a segment 'foot'"):
         World(load_robot("nao"), stands=True)
+
+
+def test_a_sole_that_stands_is_one_contact_and_one_in_the_air_tells_touches_apart() -> None:
+    """The floor presses heel, toe and two taxels between them: 40 counts are 1.5 N on each taxel."""
+    robot = ROBOTS["icub-whole"]
+    body = GenericBody(robot)
+    surface, rest = body.skin.surfaces[SOLE], robot.patch(SOLE).sensor.rest
+    along = surface.positions[:, 0]
+    order = surface.channels[np.argsort(along)]
+    values = np.full(robot.patch(SOLE).channels, rest)
+    strays = [order[110], order[140]]
+    for counts, pressed, told in (
+        (40.0, [*order[:20], *strays, *order[-5:]], [25, 27]),  # what is pressed alone waits for 0.2 s
+        (6.0, [*order[:60], *order[-60:]], [120, 120]),
+        (40.0, [*order[:3], *order[-3:]], [3, 3]),  # 9 N: two hands on a foot that hangs
+    ):
+        perceiver = Perceiver(body)
+        values[:] = rest
+        values[pressed] -= counts
+        first, *_, last = (contacts_of_sole(perceiver, 0.02 * k, values) for k in range(15))
+        touches = [*first, *last] if len(first) == 1 else last
+        assert [len(contact.taxels) for contact in touches] == told
+        assert all((np.diff(contact.taxels) > 0).all() for contact in touches)
+        if len(last) == 1:
+            assert first[0].identity == last[0].identity
+            here = np.isin(surface.channels, pressed)
+            np.testing.assert_allclose(last[0].p_L[0], along[here].mean(), atol=1e-3)
+
+
+@pytest.mark.parametrize("number", ["01", "08"])
+def test_a_real_icubs_sole_is_one_contact_while_it_stands(number: str, genuine_data: SkinData) -> None:
+    """From its first frame on, while what rests beside the described 240 counts is not known yet."""
+    log = np.loadtxt(genuine_data.file(f"recordings/icub_right_foot_raw_{number}.log"))
+    perceiver = Perceiver(GenericBody(ROBOTS["icub-whole"]))
+    stood = 0
+    for row in log:
+        contacts = contacts_of_sole(perceiver, float(row[1] - log[0, 1]), row[2:])
+        if sum(contact.force for contact in contacts) >= 20.0:
+            stood += 1
+            assert len(contacts) == 1
+    assert stood > 0.9 * len(log)

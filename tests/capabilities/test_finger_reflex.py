@@ -3,43 +3,56 @@ knows newtons. And the demo pokes what a robot has."""
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 
 import tci
 from helpers.pressing import SHORT_POKE
+from tci.body.posture import to_platform
 from tci.capabilities import FingerReflex, InCounts, lacks
 from tci.errors import TciError
 from tci.lab.experiments.experiment import trials_of
 from tci.lab.experiments.poke import Stimulus
 from tci.lab.experiments.trial_places import unanswered
-from tci.messages import GenericCommand
+from tci.messages import GenericCommand, Mode
+from tci.messages.frames import Array
 from tci.robot.generic_fingers import FLEXIONS
+from tci.robot.joint_map import initial_position
 from tci.robot.skin_files.calibration import PatchCalibration, SkinCalibration
+from tci.simulation.world import World
 from tci.testing import TouchedRobot
 
 HAND = "left_fingers"
 
 
 class Hand:
-    """The left hand of a robot that is touched step by step."""
+    """A hand of a robot that is touched step by step."""
 
-    def __init__(self, capability: tci.Capability[object], robot: TouchedRobot | None = None) -> None:
-        self.robot = robot or TouchedRobot("g1-inspire")
+    def __init__(
+        self, capability: tci.Capability[object], robot: TouchedRobot | None = None, part: str = HAND
+    ) -> None:
+        self.robot, self.part = robot or TouchedRobot("g1-inspire"), part
         self.capability = capability
         self.memory = capability.init(self.robot.body)
 
-    def feel(self, times: int, patch: str | None = None, force: float = 2.0) -> list[GenericCommand]:
+    def feel(
+        self, times: int, patch: str | None = None, force: float = 2.0, taxel: int | None = None
+    ) -> list[GenericCommand]:
         """What the hand is told while it is touched `times` times."""
         told = []
         for _ in range(times):
-            seen = self.robot.perceive(patch, force=force)
+            seen = self.robot.perceive(patch, force=force, taxel=taxel)
             orders, self.memory = self.capability.step(self.memory, seen, self.robot.body)
-            told += [order for order in orders if isinstance(order, GenericCommand) and order.part == HAND]
+            told += [
+                order for order in orders if isinstance(order, GenericCommand) and order.part == self.part
+            ]
         return told
 
     def opens(self, told: list[GenericCommand]) -> bool:
-        return bool(told) and np.array_equal(told[-1].values, self.robot.robot.part(HAND).initial_posture)
+        return bool(told) and np.array_equal(
+            told[-1].values, self.robot.robot.part(self.part).initial_posture
+        )
 
 
 @pytest.mark.parametrize("finger", ["thumb", "index", "middle", "ring", "little"])
@@ -131,3 +144,35 @@ def test_the_demo_pokes_what_a_robot_has_and_all_of_it_is_answered() -> None:
         assert trial.first_motion_ms <= 60.0, trial
     assert unanswered(tci.load_robot("nao-plain")) == ("left_bumper", "right_bumper")
     assert unanswered(tci.load_robot("nao-whole")) == ()
+
+
+def test_no_finger_opens_into_whoever_presses_its_outer_side() -> None:
+    """MuJoCo moves the hand as it is told; the tips of this one have taxels all around."""
+    reflex, robot = FingerReflex(), tci.load_robot("allegro")
+    (part,) = (one.name for one in robot.parts)
+    body = tci.GenericBody(robot)
+    hangs, model = reflex.relaxed(part, body), World(robot).model
+    data, opened, stayed = mujoco.MjData(model), 0, 0
+
+    def place(patch: str, taxel: int, posture: Array) -> tuple[Array, Array]:
+        told = GenericCommand(part, Mode.POSITION, posture)
+        sent = to_platform(robot, told, position=initial_position(robot))
+        for servo, angle in zip(sent.servos, sent.values, strict=True):
+            data.joint(robot.servos[servo].joint).qpos = angle
+        mujoco.mj_kinematics(model, data)
+        link, surface = data.body(robot.patch(patch).link), body.skin.surfaces[patch]
+        turned = link.xmat.reshape(3, 3)
+        return link.xpos + turned @ surface.positions[taxel], turned @ surface.normals[taxel]
+
+    for patch in (one.name for one in robot.skin if one.name.endswith("_tip")):
+        for taxel in range(0, len(body.skin.surfaces[patch].positions), 7):
+            hand = Hand(reflex, TouchedRobot(robot, posture={part: hangs}), part)
+            hand.feel(1)
+            goal = hand.feel(1, patch, taxel=taxel)[0].values
+            start, outward = place(patch, taxel, hangs)
+            ways = [hangs + share * (goal - hangs) for share in np.linspace(0.1, 1.0, 10)]
+            assert all((place(patch, taxel, way)[0] - start) @ outward < 1e-4 for way in ways)
+            stays = "stays: its" in reflex.notes(hand.memory)[0]  # type: ignore[arg-type]
+            assert stays == np.allclose(goal, hangs)
+            opened, stayed = opened + (not stays), stayed + stays
+    assert min(opened, stayed) >= 5

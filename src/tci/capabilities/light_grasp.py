@@ -16,6 +16,7 @@ import numpy as np
 from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.needs import Need
+from tci.capabilities.retreat import why_not
 from tci.errors import TciError
 from tci.messages import Contacts, GenericCommand, Mode, Order, Perception
 from tci.messages.frames import Array, read_only
@@ -144,7 +145,8 @@ class LightGrasp(Capability[Grips]):
             return Grip(now, start, closed=closes, felt=felt, rested=now)
         pulled = most >= self.pull or (before.holds and palm < self.touch <= most)
         rested = before.rested if pulled else now
-        if now - rested >= self.patience or now - felt >= self.quiet:
+        pulled_open = now - rested >= self.patience and not why_not(perception, body, part, rest)
+        if pulled_open or now - felt >= self.quiet:
             return Grip(now, rest, felt=now)
         flexion = self._flexion(before, perception, body, part, pressed)
         holds = before.holds or most >= 0.5 * self.force

@@ -335,3 +335,5 @@ def _summary(report: Report, robots: Sequence[Robot]) -> None:
     for trial in trials:
         for what in (*trial.violations, *trial.halts):
             console.print(f"[red]{trial.robot} {trial.part} {trial.site}: {escape(what)}[/]")
+        for why in () if trial.responded else trial.notes:
+            console.print(f"{trial.robot} {trial.site}: {escape(why)}", style="yellow", highlight=False)

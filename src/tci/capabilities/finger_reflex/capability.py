@@ -17,6 +17,7 @@ from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.light_grasp import Grips, LightGrasp, forces_of
 from tci.capabilities.needs import Need
+from tci.capabilities.retreat import why_not
 from tci.errors import TciError
 from tci.messages import GenericCommand, Mode, Order, Perception
 from tci.messages.frames import Array, read_only
@@ -28,12 +29,16 @@ NEAR = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LetGo:
-    """A hand that lets go."""
+    """A hand whose finger is pressed, or whose grasp ended: it lets go."""
 
     felt: float
     """Time [s] of the last press on its fingers, or of the end of a grasp."""
     pressed: str
     """The finger that was pressed; empty if a grasp ended."""
+    met: frozenset[int]
+    """Identities of all contacts at that time: a further one is a reason to judge the hand's way anew."""
+    stays: str = ""
+    """Why the hand stays where it is; empty if it opens."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +55,8 @@ class FingerMemory:
 
 @dataclass(frozen=True)
 class FingerReflex(Capability[FingerMemory]):
-    """Opens a hand whose fingers are pressed from outside, and closes one whose palm is touched.
+    """Opens a hand whose fingers are pressed from outside, and closes one whose palm is touched. A hand that
+    would press back by opening stays where it is.
 
     Raises TciError for a setting out of range.
     """
@@ -83,6 +89,7 @@ class FingerReflex(Capability[FingerMemory]):
         now, open_, bend = perception.stamp, dict(memory.open), set[str]()
         orders, grips = self.grasp.step(memory.grips, perception, body)
         commands, forces = list(orders), forces_of(perception.contacts)
+        met = frozenset(perception.contacts.identity.tolist())
         for part in body.parts("fingers"):
             before = memory.grips.get(part)
             if grips[part].closed:
@@ -90,11 +97,13 @@ class FingerReflex(Capability[FingerMemory]):
                 continue
             ended, pressed = before is not None and before.closed, self._pressed(forces.get(part, {}))
             if pressed or ended:
-                if part not in open_ and not ended:  # a grasp opens its hand itself
-                    commands.append(
-                        GenericCommand(part, Mode.POSITION, body.robot.part(part).initial_posture)
-                    )
-                open_[part] = LetGo(now, pressed)
+                opened, was = body.robot.part(part).initial_posture, open_.get(part)
+                judged = ended or (was is not None and not was.stays and met <= was.met)
+                stays = "" if judged else why_not(perception, body, part, opened)
+                if not ended and (was is None or bool(was.stays) != bool(stays)):  # a grasp opens by itself
+                    goal = perception.posture[part] if stays else opened
+                    commands.append(GenericCommand(part, Mode.POSITION, goal))
+                open_[part] = LetGo(now, pressed, met, stays)
                 continue
             begins = before is None
             if begins or (part in open_ and now - open_[part].felt >= self.quiet):
@@ -120,7 +129,9 @@ class FingerReflex(Capability[FingerMemory]):
 
     def notes(self, memory: FingerMemory) -> tuple[str, ...]:
         return tuple(
-            f"{part} lets go: its {one.pressed} is pressed"
+            f"{part} stays: its {one.pressed} is pressed, but {one.stays}"
+            if one.stays
+            else f"{part} lets go: its {one.pressed} is pressed"
             for part, one in memory.open.items()
             if one.pressed
         )

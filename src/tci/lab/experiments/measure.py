@@ -62,6 +62,8 @@ class Trial:
     """Reasons for which the gate held or stopped the robot during the trial."""
     capability: str = "withdrawal"
     """What was to answer, as `tci run` takes it."""
+    notes: tuple[str, ...] = ()
+    """What the reflex said at the end, such as why a hand stays where it is."""
 
 
 def measure(
@@ -113,6 +115,7 @@ def measure(
         limit_violations=len(violations),
         violations=tuple(violations),
         halts=tuple(halts),
+        notes=acted.notes,
     )
 
 

@@ -180,9 +180,9 @@ def _examine(reader: SourceReader, *, as_json: bool) -> None:
 
     reader.wait(1.0)
 
-    def ask(words: str) -> None:
+    def ask(words: str) -> str:
         try:
-            typer.prompt(f"{words}, and press Enter", default="", show_default=False, err=True)
+            return str(typer.prompt(f"{words}, and press Enter", default="", show_default=False, err=True))
         except typer.Abort as error:
             raise CommandError("--doctor asks you to press; valid: in a terminal") from error
 
@@ -194,8 +194,9 @@ def _examine(reader: SourceReader, *, as_json: bool) -> None:
 def _shapes(reader: SourceReader) -> dict[str, DevicePad]:
     """The pads as they lie, as far as somebody told."""
     from tci.lab.commissioning.hand_turns import pads_as_found, turns_file
+    from tci.robot.tactile_devices import pads_of
 
-    return pads_as_found(reader.source.device, turns_file(reader.name))
+    return pads_as_found(pads_of(reader.source.device, reader.channels), turns_file(reader.name))
 
 
 def _report(reader: SourceReader) -> dict[str, Any]:

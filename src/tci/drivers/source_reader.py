@@ -115,6 +115,11 @@ class SourceReader:
         self._thread = threading.Thread(target=self._run, name=f"source {name}", daemon=True)
         self._thread.start()
 
+    @property
+    def channels(self) -> dict[str, int]:
+        """Number of values of each pad."""
+        return {name: pad.channels for name, pad in self.pads.items()}
+
     def close(self) -> None:
         self._closed.set()
         self._thread.join(timeout=2.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -36,14 +36,16 @@ class DevicePad:
     """True if a frame begins with the last row."""
     from_last_column: bool = False
     """True if rows begin with the last column."""
+    found_by_size: bool = True
+    """False if a pad of a model is not taken for this one because it has its size."""
 
     @property
     def channels(self) -> int:
         return self.rows * self.columns
 
     def misfit(self, size: tuple[float, float]) -> float:
-        """Largest relative difference from a pad of this `size` [m]; infinite if the size is unknown."""
-        if self.size is None:
+        """Largest relative difference from a pad of this `size` [m]; infinite if size says nothing."""
+        if self.size is None or not self.found_by_size:
             return float("inf")
         return max(abs(own / other - 1.0) for own, other in zip(size, self.size, strict=True))
 
@@ -58,6 +60,8 @@ class Device:
     values: tuple[int, int]
     """Smallest and largest raw value of a taxel."""
     pads: tuple[DevicePad, ...]
+    rest: int = 0
+    """Raw value of a taxel that nothing touches."""
     newton_per_count: float | None = None
 
 
@@ -68,7 +72,8 @@ def devices() -> tuple[Device, ...]:
     return tuple(
         Device(
             name=one["name"], title=one["title"], sources=tuple(one["sources"]),
-            values=(one["values"][0], one["values"][1]), newton_per_count=one.get("newton_per_count"),
+            values=(one["values"][0], one["values"][1]), rest=one.get("rest", 0),
+            newton_per_count=one.get("newton_per_count"),
             pads=tuple(_pad(dict(pad)) for pad in one["pad"]),
         )
         for one in table["device"]
@@ -116,14 +121,21 @@ def place_of(pad: str) -> str:
     return next((one for one in (*FINGERS, "palm") if one in words), pad)
 
 
-def pads_of(device: str) -> dict[str, DevicePad]:
-    """Pads of the table of devices, by the names that a source gives them."""
+def pads_of(device: str, sent: Mapping[str, int]) -> dict[str, DevicePad]:
+    """Those pads of a source that the table of devices has, by the source's names for them.
+
+    A pad of the table that is on no finger is each pad with as many values.
+
+    Args:
+        device: Name in the table; empty if the source's device is not there.
+        sent: Number of values of each pad that the source has.
+    """
+    table = [pad for one in devices() if one.name == device for pad in one.pads]
     return {
-        (pad.name if place in ("", pad.name) else f"{place}_{pad.name}"): pad
-        for one in devices()
-        if one.name == device
-        for pad in one.pads
-        for place in pad.fingers or ("",)
+        name: pad
+        for pad in table
+        for name in ([place if place == pad.name else f"{place}_{pad.name}" for place in pad.fingers] or sent)
+        if sent.get(name) == pad.channels
     }
 
 

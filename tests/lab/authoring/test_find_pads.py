@@ -10,6 +10,7 @@ import pytest
 
 from helpers.peers import peer_python
 from tci.lab.authoring.find_pads import FoundPads, find_pads
+from tci.lab.authoring.pad_patches import sensor_of
 from tci.lab.authoring.pad_words import words
 
 SIZES = {  # mm: across the finger, along it; and the rows and columns of Inspire's manual
@@ -69,6 +70,18 @@ def test_grids_are_fitted_to_the_outlines(tmp_path: Path) -> None:
         pitch = 1e-3 * np.array([across / columns, along / rows])
         extent = 1e-3 * np.array([across, along]) - pitch
         np.testing.assert_allclose(np.ptp(pad.positions[:, :2], axis=0), extent, atol=3e-4)
+
+
+def test_a_pad_of_the_size_of_a_uskin_has_its_16_taxels(tmp_path: Path) -> None:
+    joint = FIXED.format("left_tactile_pad", "gripper", "0 0 0.03", "0 0 0")
+    (pad,) = urdf(
+        tmp_path, boxed("gripper", "0.1 0.1 0.05") + boxed("left_tactile_pad", "0.0188 0.0188 0.005") + joint
+    ).pads
+    assert pad.device is not None
+    assert pad.grid is not None
+    assert (pad.device.name, pad.grid.rows, pad.grid.columns) == ("xela-uskin", 4, 4)
+    np.testing.assert_allclose(np.ptp(pad.positions[:, :2], axis=0), 3 * 4.7e-3, atol=1e-5)
+    assert sensor_of(pad).rest == 32768
 
 
 @pytest.mark.parametrize(

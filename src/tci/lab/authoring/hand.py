@@ -46,7 +46,7 @@ def write_hand(reader: SourceReader, folder: Path, *, shapes: Mapping[str, Devic
         folder.mkdir(parents=True)
     except FileExistsError as error:
         raise DriverError(f"{folder} exists; valid: a new folder") from error
-    shapes = pads_of(reader.source.device) if shapes is None else shapes
+    shapes = pads_of(reader.source.device, reader.channels) if shapes is None else shapes
     device = next((one for one in devices() if one.name == reader.source.device), None)
     points = {pad: _points(state.channels, shapes.get(pad)) for pad, state in reader.pads.items()}
     bodies, patches = [], []
@@ -120,10 +120,11 @@ def _patch(pad: str, state: PadState, device: Device | None, area: float) -> str
     assert state.values is not None  # `write_hand` looked
     low, high = RANGES.get(state.values.dtype.str[1:], (-1e6, 1e6)) if device is None else device.values
     known = device is not None and device.newton_per_count is not None
-    pascal = device.newton_per_count / area if known else FULL / high  # type: ignore[union-attr, operator]
+    rest = 0 if device is None else device.rest
+    pascal = device.newton_per_count / area if known else FULL / (high - rest)  # type: ignore[union-attr, operator]
     return PATCH.format(
         name=quoteattr(pad), file=quoteattr(f"{pad}.csv"), rate=max(1.0, round(state.rate)),
-        channels=state.channels, pascal=f"{pascal:.6g}", low=f"{low:g}", high=f"{high:g}",
+        channels=state.channels, rest=rest, pascal=f"{pascal:.6g}", low=f"{low:g}", high=f"{high:g}",
         assumed="" if known else "    <!-- assumed: nobody says what a count is; tci skin calibrate -->\n",
     )  # fmt: skip
 
@@ -156,6 +157,6 @@ HAND = """<generic_robot version="1" name={name} angle_unit="deg">
 </generic_robot>
 """
 PATCH = """{assumed}    <patch name={name} part="hand" link={name} rate="{rate:g}" channels="{channels}">
-      <sensor rest="0" pascal_per_count="{pascal}" min="{low}" max="{high}"/>
+      <sensor rest="{rest}" pascal_per_count="{pascal}" min="{low}" max="{high}"/>
       <table file={file} format="csv"/>
     </patch>"""

@@ -50,10 +50,11 @@ def sensor_of(pad: Pad) -> Sensor:
     """The response of a pad: of its device if somebody measured it, otherwise assumed."""
     owner = pad.device
     lowest, highest = UNKNOWN if owner is None else owner.values
-    slope = FULL / (highest - lowest)
+    rest = lowest if owner is None else float(owner.rest)
+    slope = FULL / (highest - rest)
     if owner is not None and owner.newton_per_count is not None and pad.grid is not None:
         slope = owner.newton_per_count * pad.taxels / (pad.grid.length * pad.grid.width)
-    return Sensor(rest=lowest, pascal_per_count=round(slope, 3), lowest=lowest, highest=highest)
+    return Sensor(rest=rest, pascal_per_count=round(slope, 3), lowest=lowest, highest=highest)
 
 
 def table_of(pad: Pad) -> str:

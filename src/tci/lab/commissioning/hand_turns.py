@@ -1,5 +1,5 @@
 """Which way round the pads of a hand lie: no maker says where row 1 is, so the doctor asks for three corners
-and keeps what it saw."""
+of each pad and keeps what it saw."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from tci.lab.commissioning.hand_rest import rest_file
-from tci.robot.tactile_devices import DevicePad, pads_of
+from tci.robot.tactile_devices import DevicePad
 
-WAYS = {(True, False): "upside down", (False, True): "mirrored", (True, True): "turned by half a turn"}
+MIRRORED = (False, True)
+WAYS = {(True, False): "upside down", MIRRORED: "mirrored", (True, True): "turned by half a turn"}
 """By whether rows and whether columns come from the other end than the table of devices assumes."""
 
 
@@ -29,24 +30,22 @@ def turned(pad: DevicePad, rows: bool, columns: bool) -> DevicePad:
     )
 
 
-def pads_as_found(device: str, path: Path) -> dict[str, DevicePad]:
-    """Pads of the table of devices, turned as the file `path` says if there is one."""
-    found = pads_of(device)
+def pads_as_found(assumed: Mapping[str, DevicePad], path: Path) -> dict[str, DevicePad]:
+    """The pads as the table of devices `assumed` them, turned as the file `path` says if there is one."""
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
         ways = {pad: (bool(rows), bool(columns)) for pad, (rows, columns) in kept.items()}
     except (OSError, ValueError, AttributeError, TypeError):
-        return found
-    return found | {pad: turned(found[pad], *way) for pad, way in ways.items() if pad in found}
+        ways = {}
+    return {pad: turned(one, *ways.get(pad, (False, False))) for pad, one in assumed.items()}
 
 
-def keep_turn(path: Path, device: str, pads: Mapping[str, DevicePad]) -> None:
+def keep_turns(path: Path, assumed: Mapping[str, DevicePad], pads: Mapping[str, DevicePad]) -> None:
     """Keeps which way round `pads` lie."""
-    assumed = pads_of(device)
     ways = {
-        name: (pad.from_last_row != assumed[name].from_last_row, pad.from_last_column)
+        name: (pad.from_last_row != before.from_last_row, pad.from_last_column != before.from_last_column)
         for name, pad in pads.items()
-        if pad != assumed[name]
+        if pad != (before := assumed[name])
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(ways), encoding="utf-8")

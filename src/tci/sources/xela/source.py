@@ -48,6 +48,7 @@ class XelaSource(Source):
                 f"xela:{address},values={values}; valid: xela:HOST or :PORT, values=raw or calibrated"
             )
         self._url, self._axes, self._calibrated = f"ws://{host}:{port}", axes, values == "calibrated"
+        self.device = "xela-uskin-newtons" if self._calibrated else "xela-uskin"
         self.values_per_point = values_per_point(axes)
         self._link: ClientConnection | None = None
 

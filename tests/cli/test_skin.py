@@ -111,6 +111,30 @@ def test_bad_input_is_one_clear_error(tmp_path: Path) -> None:
     assert "no direction" in tci("fit", file, "--axis", "0", "0", "0").replace("\n", " ")
 
 
+@pytest.mark.parametrize("robot", ["nao", "g1-inspire"])
+def test_a_picture_of_a_whole_robot_fits_a_screens_width_and_is_not_half_empty(
+    robot: str, tmp_path: Path
+) -> None:
+    tci("show", robot, "--out", str(tmp_path / "skin.png"))
+    ink = imread(tmp_path / "skin.png")[..., :3].min(axis=2) < 1.0
+    height, width = ink.shape
+    assert width <= 1800
+    assert height <= 3000
+    empty = np.diff(np.flatnonzero(np.concatenate([[True], ink.any(axis=1), [True]])))
+    assert empty.max() < 100
+    filled = [ink[y : y + 40, x : x + 40].any() for y in range(0, height, 40) for x in range(0, width, 40)]
+    assert np.mean(filled) > 0.6
+
+
+def test_a_head_in_skin_is_unrolled(tmp_path: Path) -> None:
+    """Seen from one side, front and back of a closed skin would lie upon each other."""
+    (head,) = (one for one in maps("icub-whole") if "head" in one.title)
+    places = np.column_stack([head.across, head.along_up])
+    apart = np.linalg.norm(places[:, None] - places, axis=2) + 1e3 * np.eye(len(places))
+    assert not head.flat
+    assert apart.min() > 5.0  # mm
+
+
 def test_show_numbers_every_taxel(tmp_path: Path) -> None:
     file = cone_file(tmp_path / "skin.txt")
     picture = tmp_path / "new" / "skin.png"

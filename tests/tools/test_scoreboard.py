@@ -56,16 +56,19 @@ def test_what_was_done_is_kept_and_not_done_again(
     monkeypatch.setenv("OUT", str(tmp_path))
     monkeypatch.setenv("JOBS", "1")
     jobs = [(number,) for number in range(6)]
-    monkeypatch.setenv("PART", "0/2")
+    monkeypatch.setenv("SHARD", "1/2")
     assert [d["twice"] for d in pool.gather("row", double, jobs, full=True)] == [0, 4, 8]
-    monkeypatch.setenv("PART", "0/1")
-    kept = tmp_path / "reliability" / "row.jsonl"
-    assert len(kept.read_text().splitlines()) == 3
+    monkeypatch.setenv("SHARD", "1/1")
+    folder = tmp_path / "reliability" / "row"
     assert [d["twice"] for d in pool.gather("row", double, jobs, full=True)] == [0, 2, 4, 6, 8, 10]
-    assert len(kept.read_text().splitlines()) == 6, "none was done again"
-    kept.write_text(kept.read_text().replace(pool.sources(), "others"))
+    kept = {path.name: path.read_text() for path in folder.iterdir()}
+    assert {name: len(text.splitlines()) for name, text in kept.items()} == {
+        "1-of-2.jsonl": 3, "1-of-1.jsonl": 3
+    }, "none was done again"  # fmt: skip
+    for name, text in kept.items():
+        (folder / name).write_text(text.replace(pool.sources(), "others"))
     assert len(pool.gather("row", double, jobs[:2], full=True)) == 2
-    assert len(kept.read_text().splitlines()) == 8, "of other sources nothing counts"
+    assert len((folder / "1-of-1.jsonl").read_text().splitlines()) == 5, "of other sources nothing counts"
     monkeypatch.setenv("MINUTES", "0")
     assert len(pool.gather("row", double, jobs, full=True)) == 2, "what was kept last"
     assert pool.COMMITS["row"]
@@ -82,8 +85,8 @@ def test_a_job_that_fails_takes_no_other_with_it(
     monkeypatch.setenv("JOBS", "1")
     with pytest.raises(ZeroDivisionError) as raised:
         tool("pool").gather("row", half, [(0,), (1,), (2,)], full=True)
-    assert raised.value.__notes__ == ["row [0]"]
-    assert len((tmp_path / "reliability" / "row.jsonl").read_text().splitlines()) == 2
+    assert raised.value.__notes__[0] == "job [0]"
+    assert len((tmp_path / "reliability" / "row" / "1-of-1.jsonl").read_text().splitlines()) == 2
 
 
 def test_a_row_that_was_not_tried_stays_as_it_is_on_the_page(tool: Any, tmp_path: Path) -> None:

@@ -28,6 +28,7 @@ NEXT = {
     "touches": "tci run withdrawal nao --touch \"stroke 'left forearm' 3N 8cm/s\"",
     "check": "tci run withdrawal nao --poke",
     "safety": "tci check nao --simulate",
+    "sweep": "tci run withdrawal nao --touch \"stroke 'left forearm' 3N 8cm/s\"",
     "doctor": "tci demo",
     "hand": "tci robots",
     "skin find": "tci new-robot my_robot.urdf",

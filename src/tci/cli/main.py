@@ -31,6 +31,7 @@ from tci.cli.run import run
 from tci.cli.safety import safety
 from tci.cli.serve import serve
 from tci.cli.skin import app as skin_app
+from tci.cli.sweep import sweep
 from tci.cli.touch import touch
 from tci.cli.touches import touches
 from tci.cli.view import view
@@ -60,6 +61,7 @@ for command in (
     touches,
     check,
     safety,
+    sweep,
     doctor,
     hand,
 ):

@@ -19,5 +19,7 @@ if TYPE_CHECKING:
     from tci.lab.experiments.simulate import WorldRun as WorldRun
     from tci.lab.experiments.simulate import simulate as simulate
     from tci.lab.pictures.pressure_png import write_png as write_png
+    from tci.lab.sweeps.sweep import Shard as Shard
+    from tci.lab.sweeps.sweep import Sweep as Sweep
 else:
     __all__, __getattr__, __dir__ = lazy_names(__name__)

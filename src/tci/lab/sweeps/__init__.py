@@ -1,0 +1,1 @@
+"""Sweeps: thousands of trials on all cores, in shards on many machines, or on a cluster."""

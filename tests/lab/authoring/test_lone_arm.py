@@ -13,23 +13,28 @@ from tci.errors import DescriptionError
 from tci.lab.authoring.find_arm import Mount
 from tci.lab.authoring.proposal import propose
 from tci.lab.experiments.verdict import judge
+from tci.messages import JointReading
 from tci.messages.frames import Array
 from tci.robot.description import Robot
 from tci.robot.generic_arm import Side
 from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import KinematicChain
+from tci.skin.skin import Skin
 
 UPPER, FORE = 0.3, 0.25
 PAN, LIFT, ELBOW = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)
 
 
-def made(folder: Path, *, turns: bool, lift: tuple[float, float, float] = LIFT, hangs: bool = False) -> Path:
+def made(
+    folder: Path, *, turns: bool, lift: tuple[float, float, float] = LIFT, hangs: bool = False,
+    bent: float = 0.0,
+) -> Path:  # fmt: skip
     """An arm that stands upright at zero, or hangs from its base; with `turns`, its upper arm turns about its
-    length."""
+    length. Its elbow is `bent` [m] beside the tube of the upper arm, as in arms of the shape of an L."""
     pan, height = ("3.14159265358979 0 0", -0.1) if hangs else ("0 0 0", 0.1)
     joints = [("pan", "base", f"0 0 {height}", PAN), ("lift", "pan", "0 0 0.05", lift)]
     joints += [("turn", "lift", "0 0 0.1", (0.0, 0.0, 1.0))] if turns else []
-    joints.append(("elbow", joints[-1][0], f"0 0 {UPPER - 0.1 * turns}", ELBOW))
+    joints.append(("elbow", joints[-1][0], f"{bent} 0 {UPPER - 0.1 * turns}", ELBOW))
     joints.append(("wrist", "elbow", f"0 0 {FORE}", ELBOW))
     size = {"lift": UPPER, "turn": UPPER - 0.1, "elbow": FORE, "wrist": 0.1}
     text = "<robot name='arm'><link name='base'/>"
@@ -82,6 +87,25 @@ def test_what_is_proposed_can_be_simulated_and_proved(tmp_path: Path) -> None:
     assert not verdict.missing
     assert not verdict.faults
     assert [axes.part for axes in verdict.axes] == ["left_arm"]
+
+
+def test_skin_of_an_arm_of_the_shape_of_an_l_faces_away_from_its_own_axis(tmp_path: Path) -> None:
+    """Else a touch from below counts as one from the side, and the reflex goes the wrong way: each angle on
+    the generic limb is that of the taxel's normal about the line from shoulder to elbow."""
+    robot = propose(made(tmp_path, turns=False, bent=0.1), name="arm")
+    skin, position = Skin(robot), np.array(initial_position(robot))
+    joints = JointReading(0.0, 0, position, np.zeros_like(position))
+    poses = KinematicChain(robot).poses(position, ["lift", "elbow"])
+    line = poses["elbow"][:3, 3] - poses["lift"][:3, 3]
+    normals = skin.surfaces["left_upper_arm"].normals @ poses["lift"][:3, :3].T
+    across = np.cross(line, [0.0, 1.0, 0.0])
+    along = np.cross(across, line)
+    facing = np.arctan2(
+        normals @ (along / np.linalg.norm(along)), normals @ (across / np.linalg.norm(across))
+    )
+    theta = skin.limb("left_upper_arm", joints)[1]
+    alike = [abs(np.exp(1j * (theta + sign * facing)).mean()) for sign in (1.0, -1.0)]
+    assert max(alike) > 0.99
 
 
 def test_an_arm_that_hangs_in_its_model_is_on_a_ceiling_and_forward_is_by_choice(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from tci.errors import DescriptionError, Fault
 from tci.lab.authoring.find_limbs import FoundLimbs, extent_of, median_chain
 from tci.lab.authoring.joint_tree import Joint, ancestors, carried, read_joints
-from tci.lab.authoring.limb import LEVEL, Limb, limb_at, second_segment, two_joint_limb_at
+from tci.lab.authoring.limb import LEVEL, NOWHERE, Limb, limb_at, second_segment, two_joint_limb_at
 from tci.lab.authoring.limb_kind import is_named_as
 from tci.lab.authoring.link_points import LinkPoints
 from tci.lab.authoring.sleeves import COVER
@@ -223,7 +223,7 @@ def _with_end(model: Model, joints: Sequence[Joint], limb: Limb, points: LinkPoi
         "forearm": (joints[limb.bend].link, limb.middle, limb.wrist),
     }
     aside = {name: _beside(points, R_RH, axis, COVER[name], *span) for name, span in spans.items()}
-    fore_aside = aside["forearm"] if limb.turn is None else 0.0  # else the turn's axis tells where it lies
+    fore_aside = aside["forearm"] if limb.turn is None else NOWHERE  # else the turn's axis tells where it is
     return replace(limb, beside=(aside["upper_arm"], fore_aside))
 
 
@@ -235,11 +235,17 @@ def _beside(
     link: str,
     begin: Array,
     end: Array,
-) -> float:
-    """Distance [m] along `axis` from a segment's line to the middle of the shapes of its link."""
+) -> Array:
+    """Way (3,) [m] from a segment's line to the middle of the shapes of its link, along `axis` and square to
+    it."""
     if points.shapeless:
-        return 0.0
+        return NOWHERE
     shapes = points.of([link]) @ R_RH - begin
+    line = (end - begin) / np.linalg.norm(end - begin)
     along = shapes @ (end - begin) / float((end - begin) @ (end - begin))
-    near = shapes[(along > cover[0]) & (along < cover[1])] @ axis
-    return float(near.min() + near.max()) / 2.0 if len(near) else 0.0
+    near = shapes[(along > cover[0]) & (along < cover[1])]
+    if not len(near):
+        return NOWHERE
+    square = np.column_stack([axis, np.cross(line, axis)])
+    off = near @ square
+    return np.asarray(square @ (off.min(axis=0) + off.max(axis=0)) / 2.0)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tci.lab.authoring.joint_tree import Joint, ancestors, carried
-from tci.messages.frames import Array
+from tci.messages.frames import Array, read_only
 from tci.robot.shoulder import SLANT, nearest_point
 
 PARALLEL = 0.9
@@ -37,6 +37,8 @@ STUB = 0.2
 """Least length of a forearm or shank, as a fraction of the length of the upper arm or thigh. Assumed: real
 forearms are longer."""
 
+NOWHERE = read_only(np.zeros(3))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Limb:
@@ -57,9 +59,9 @@ class Limb:
     """End (3,) [m] of the forearm or shank. If no joint is at that end, `wrist` is the elbow or knee
     (`middle`).
     """
-    beside: tuple[float, float] = (0.0, 0.0)
-    """Distances [m] of the shapes of upper arm and forearm from these points, along the axis of `bend`: the
-    links of many arms lie side by side."""
+    beside: tuple[Array, Array] = (NOWHERE, NOWHERE)
+    """Ways (3,) [m] from these points to the shapes of upper arm and forearm, square to each segment: the
+    links of many arms lie side by side, or have the shape of an L."""
 
     @property
     def length(self) -> float:

@@ -43,7 +43,7 @@ def ends_of(body: FoundLimbs, limb: Limb) -> dict[str, tuple[Array, Array]]:
         turn = body.joints[limb.turn]
         elbow = nearest_point(turn.anchor, bend.anchor, turn.axis, bend.axis)
         wrist = elbow + turn.axis * float(turn.axis @ (limb.wrist - elbow))
-    upper, fore = (bend.axis * aside for aside in limb.beside)
+    upper, fore = limb.beside
     return {"upper_arm": (limb.centre + upper, limb.middle + upper), "forearm": (elbow + fore, wrist + fore)}
 
 

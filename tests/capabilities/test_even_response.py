@@ -66,6 +66,20 @@ def test_a_motion_beside_a_refused_one_answers() -> None:
     assert changed >= 2
 
 
+def test_an_arm_that_stands_alone_answers_beside_its_lift_too() -> None:
+    """There the generic limb's blend, mostly a turn of the pan, would drag the thick arm along the object."""
+    touched, reflex, changed = TouchedRobot("ur5"), tci.WithdrawalReflex(), 0
+    for taxel in range(0, touched.robot.patch("left_upper_arm").channels, 5):
+        seen = touched.perceive("left_upper_arm", taxel=taxel, force=3.0)
+        orders, memory = reflex.step(reflex.init(touched.body), seen, touched.body)
+        assert orders, reflex.notes(memory)
+        answer = reflex.answer(seen.contacts[0], seen.posture)
+        way = np.rad2deg(orders[0].values - seen.posture["left_arm"])
+        assert 7.5 - 1e-6 <= np.abs(way).max() <= 15.0 + 1e-6
+        changed += np.abs(way - np.rad2deg(answer.motion)).max() > 5.0
+    assert changed >= 2
+
+
 def test_the_same_place_is_answered_alike_on_both_sides() -> None:
     touched = TouchedRobot("nao")
     contact = touched.perceive("left_forearm", taxel=50).contacts[0]

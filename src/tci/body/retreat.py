@@ -102,7 +102,8 @@ class Retreat:
         moved = self._part(part)
         way = np.empty((len(targets) + 1, len(position)))
         way[:] = position
-        way[1:, moved.joints.servos] = [moved.goal(target, position) for target in targets]
+        goals = [moved.goal(target, position) for target in targets]
+        way[1:, moved.joints.servos] = np.reshape(goals, (-1, moved.joints.servos.size))
         return self._displacements(way, moved, contacts, 0.0)
 
     def fastest(self, position: Array, part: str, target: Array) -> tuple[NDArray[np.intp], Array, float]:

@@ -9,7 +9,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Literal
@@ -23,6 +23,7 @@ from tci.capabilities.beside import SHORT, beside
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields, default_surround
 from tci.capabilities.needs import Need
+from tci.capabilities.on_own_skin import on_own_skin
 from tci.capabilities.withdrawal_memory import RESPONSES, Response, Wish, Withdrawals
 from tci.capabilities.withdrawal_rule import blind_field, new_targets, withdraw_all
 from tci.errors import TciError
@@ -158,7 +159,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         mode = Mode.of(self.mode)
         after = withdraw_all(
             memory, wishes, perception, body, refractory=self.refractory, mode=mode, people=self.people,
-            others=partial(self._others, body) if self.response == "blended" else None,
+            others=partial(self._others, perception, body) if self.response == "blended" else None,
         )  # fmt: skip
         if mode is not Mode.VELOCITY:
             return new_targets(memory, after, mode), after
@@ -198,12 +199,19 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
                 wishes.setdefault(site.part, []).append(Wish(response, gain, contact))
         return wishes
 
-    def _others(self, body: GenericBody, part: str, refused: Response) -> list[Response]:
-        """Blends of the same fields beside a refused one."""
-        if body.robot.part(part).segment(refused.name).length < SHORT:
-            return []
-        most = np.abs(self._motions[[one.segment == refused.name for one in self._used]]).max(axis=0)
-        return [Response(refused.name, tuple(row)) for row in beside(np.array(refused.motion), most).tolist()]
+    def _others(
+        self, perception: Perception, body: GenericBody, part: str, refused: Response, answers: Sequence[int]
+    ) -> Iterator[list[Response]]:
+        """Blends of the same fields in the place of a refused one: beside it, then, for an arm that stands
+        alone, those for its own skin. These differ more between neighbouring places."""
+        motions, arm = (
+            self._motions[[one.segment == refused.name for one in self._used]],
+            body.robot.part(part),
+        )
+        if arm.segment(refused.name).length >= SHORT:
+            yield _responses(refused.name, beside(np.array(refused.motion), np.abs(motions).max(axis=0)))
+        if arm.stands_alone:
+            yield _responses(refused.name, on_own_skin(perception, body, part, motions, answers))
 
     def resume(
         self,
@@ -253,3 +261,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
             for wish in own:
                 found[wish.contact] = Answer(*wish.field, wish.gain)
         return found
+
+
+def _responses(name: str, motions: Array) -> list[Response]:
+    return [Response(name, tuple(row)) for row in motions.tolist()]

@@ -54,7 +54,7 @@ def withdraw_all(
     mode: Mode = Mode.POSITION,
     people: Sequence[Struck] = PEOPLE,
     forbids: Callable[[str, Array], str] | None = None,
-    others: Callable[[str, F], Sequence[F]] | None = None,
+    others: Callable[[str, F, Sequence[int]], Iterable[Sequence[F]]] | None = None,
 ) -> Withdrawals[F]:
     """The withdrawals of all parts after this instant.
 
@@ -68,7 +68,8 @@ def withdraw_all(
         people: Whoever may stand in the way, and how hard they may be struck.
         forbids: Further check. Receives a part and its target (n,) [rad], and returns the reason why the part
             must not move there; empty if it may.
-        others: Receives a part and its refused response, and returns those that may answer in its place.
+        others: Receives a part, its refused response and the contacts that ask for it, and returns groups of
+            those that may answer in its place, the nearest group first.
 
     Raises CommandError if a touched part has another number of joints than the base motion of its field.
     """
@@ -135,7 +136,7 @@ class _Touched(NamedTuple, Generic[F]):
     mode: Mode
     met: frozenset[int]
     """Identities of all present contacts."""
-    others: Callable[[str, F], Sequence[F]] | None
+    others: Callable[[str, F, Sequence[int]], Iterable[Sequence[F]]] | None
     people: Sequence[Struck]
 
     def withdraw(
@@ -216,13 +217,13 @@ class _Touched(NamedTuple, Generic[F]):
 
     def _other(self, origin: Array, gain: float, field: F, answers: Sequence[int]) -> F | None:
         """The first permitted response in the place of a refused one; None if there is none."""
-        others = self.others(self.part, field) if self.others is not None and any(field.motion) else ()
-        if not others:
+        if self.others is None or not any(field.motion):
             return None
-        targets = origin + gain * np.array([other.motion for other in others])
-        for k in hopeful(self.perception, self.body, self.part, targets, answers)[:TRIES]:
-            if not self._why_not(target_of(origin, gain, others[k]), answers):
-                return others[k]
+        for others in self.others(self.part, field, answers):
+            targets = origin + gain * np.reshape([other.motion for other in others], (-1, len(origin)))
+            for k in hopeful(self.perception, self.body, self.part, targets, answers)[:TRIES]:
+                if not self._why_not(target_of(origin, gain, others[k]), answers):
+                    return others[k]
         return None
 
     def _grow(self, withdrawal: Withdrawal[F]) -> tuple[Withdrawal[F], str]:

@@ -17,18 +17,15 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from tci.errors import TciError
 from tci.gestures.gesture import Gesture
-from tci.gestures.rows import Lines, read_lines, read_rows
+from tci.gestures.rows import read_lines
+from tci.gestures.skeleton import Bone, pose, read_skeleton, use_positions
 from tci.messages.frames import Array, angle_between, read_only
 from tci.robot.generic_arm import JOINTS, Side, shoulder_angles, side_sign
 from tci.robot.xml.document import refuse, shown
-from tci.robot.xml.values import InvalidValueError, decimal
 
-BONES = 250
-"""Largest number of joints of a skeleton. Assumed: a skeleton with all fingers has about 60 joints."""
 BLOCK = 4096
 """Number of frames that are processed at once. Assumed: this number bounds the memory for the rotations of
 all bones."""
@@ -53,8 +50,6 @@ ROLES = {
 }
 """Patterns for the names of an arm's joints, without the side. In the file, the side (left or right, l or r)
 is before or after each name."""
-CHANNELS = tuple(f"{axis}{what}" for what in ("position", "rotation") for axis in "XYZ")
-FORM = "ROOT, JOINT, End Site, OFFSET, CHANNELS, { }"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,22 +63,6 @@ class Imported:
     """What was used, in words for a user."""
     left_out: tuple[str, ...]
     """What the file contains and the gesture does not, in words for a user."""
-
-
-@dataclass(slots=True)
-class Bone:
-    """A joint of the skeleton in the file."""
-
-    name: str
-    parent: int
-    offset: Array
-    channels: tuple[str, ...] = ()
-    first: int = 0
-
-    @property
-    def moved(self) -> list[int]:
-        """Columns of its position channels in a frame."""
-        return [self.first + k for k, channel in enumerate(self.channels) if channel.endswith("position")]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,87 +83,11 @@ def read_bvh(path: Path) -> Imported:
     Raises DescriptionError with the line of the error and the valid content.
     """
     source = str(path)
-    bones, period, frames = _parse(source, read_lines(path))
+    bones, period, frames = read_skeleton(source, read_lines(path))
     try:
         return _gesture(bones, period, frames)
     except TciError as error:
         raise refuse(source, 0, str(error)) from error
-
-
-def _parse(source: str, lines: Lines) -> tuple[list[Bone], float, Array]:
-    """Returns the content of a BVH file: its bones, the time [s] between frames, and the values of all
-    channels (frames, channels)."""
-    bones: list[Bone] = []
-    stack: list[int] = []
-    current, channels = -1, 0
-    end_site = False
-    taken: set[str] = set()
-    start = next(
-        (at for at, (_, line) in enumerate(lines) if line.split()[0].upper() == "MOTION"), len(lines)
-    )
-    pieces = ((number, piece.split()) for number, line in lines[:start] for piece in re.split("([{}])", line))
-    for number, words in pieces:
-        kind = words[0].upper() if words else "HIERARCHY"
-        if kind == "HIERARCHY":
-            continue
-        if kind in ("ROOT", "JOINT") and len(words) >= 2:
-            name = " ".join(words[1:])
-            if len(bones) == BONES or name in taken:
-                reason = f"second joint {shown(name)}" if name in taken else "too large"
-                raise refuse(source, number, f"{reason}; valid: at most {BONES} joints, each of its own name")
-            taken.add(name)
-            bones.append(Bone(name, stack[-1] if stack else -1, np.zeros(3)))
-            current = len(bones) - 1
-        elif kind == "END":
-            end_site = True
-        elif kind == "{":
-            stack.append(current)
-        elif kind == "}" and stack:
-            stack.pop()
-            end_site = False
-        elif kind == "OFFSET" and len(words) == 4:
-            if not end_site and bones:
-                bones[current].offset = np.array([_number(source, word, number) for word in words[1:]])
-        elif kind == "CHANNELS" and bones:
-            names = tuple(word.capitalize() for word in words[2:])
-            if words[1:2] != [str(len(names))] or len({*names} & {*CHANNELS}) != len(names):
-                found = shown(" ".join(words[1:]))
-                valid = f"{', '.join(CHANNELS)}, each once, after their number"
-                raise refuse(source, number, f"channels {found}; valid: {valid}")
-            bones[current].channels, bones[current].first = names, channels
-            channels += len(names)
-        else:
-            raise refuse(source, number, f"{words[0][:20]!r}; valid: {FORM}")
-    if start == len(lines) or not channels:
-        raise refuse(source, 0, "no HIERARCHY with CHANNELS and a MOTION after it; valid: a BVH file")
-    declared, period = (
-        _after(source, lines, start + number, key) for number, key in ((1, "Frames"), (2, "Frame Time"))
-    )
-    rows = read_rows(source, lines[start + 3 :], channels, mark=None)
-    line = lines[start + 1][0]
-    if not 0.0 < declared <= len(rows):
-        raise refuse(
-            source, line, f"{declared:g} frames, of which {len(rows)} are there; valid: a whole file"
-        )
-    if len(rows) < 2 or not 0.0 < period < 10.0:
-        raise refuse(source, line, f"{len(rows)} frames of {period} s; valid: 2 or more, each above 0 s")
-    return bones, period, rows
-
-
-def _after(source: str, lines: Lines, at: int, key: str) -> float:
-    """Returns the number after `key:` in the line of the index `at`."""
-    line, text = lines[at] if at < len(lines) else (lines[-1][0], "")
-    found, mark, word = text.partition(":")
-    if not mark or found.lower().split() != key.lower().split() or len(word.split()) != 1:
-        raise refuse(source, line, "valid after MOTION: 'Frames: N' and 'Frame Time: SECONDS'")
-    return _number(source, word.split()[0], line)
-
-
-def _number(source: str, word: str, line: int) -> float:
-    try:
-        return decimal(word)
-    except InvalidValueError as error:
-        raise refuse(source, line, f"{word[:20]!r}; valid: {error}") from None
 
 
 def _gesture(bones: list[Bone], period: float, frames: Array) -> Imported:
@@ -193,7 +96,7 @@ def _gesture(bones: list[Bone], period: float, frames: Array) -> Imported:
     chest = next((bone for bone in lines[0] if bone in lines[1]), None)
     if chest is None:
         raise TciError("the arms hang on nothing in common; valid: one skeleton with one ROOT")
-    places_told = _use_positions(bones, frames)
+    places_told = use_positions(bones, frames)
     rest = _rest(bones, arms, chest, frames)
     # The torso in the frame of the chest.
     R_CT = rest.rotations[chest].T @ rest.R_WT
@@ -201,7 +104,7 @@ def _gesture(bones: list[Bone], period: float, frames: Array) -> Imported:
     bends = {side: np.zeros(3) for side in SIDES}  # the axis of an earlier frame does not exist
     begin = int(_begins_with_rest(bones, arms, chest, period, frames))
     for block in range(begin, len(frames), BLOCK):
-        rotations, places = _pose(bones, frames[block : block + BLOCK])
+        rotations, places = pose(bones, frames[block : block + BLOCK])
         R_WT = rotations[:, chest] @ R_CT
         for side, arm in arms.items():
             points = places[:, arm] @ R_WT
@@ -232,25 +135,6 @@ def _listed(bones: list[Bone], which: list[int]) -> str:
     return ", ".join(shown(bones[bone].name) for bone in which)
 
 
-def _use_positions(bones: list[Bone], frames: Array) -> list[str]:
-    """Prepares the offsets of all joints but the root for adding the values of their position channels, and
-    tells how these channels are used.
-
-    In most programs, the values replace the OFFSET; in some, they are added to it. They are added if this
-    leaves the bones nearer to the lengths in the hierarchy.
-    """
-    moved = [bone for bone in bones if bone.parent >= 0 and bone.moved]
-    if not moved:
-        return []
-    sizes = [float(np.linalg.norm(np.median(frames[:, bone.moved], axis=0))) for bone in moved]
-    if sum(sizes) < 0.5 * sum(float(np.linalg.norm(bone.offset)) for bone in moved):
-        return [f"position channels of {len(moved)} joints, added to OFFSET since they are small"]
-    for bone in moved:
-        for column in bone.moved:
-            bone.offset["XYZ".index(bone.channels[column - bone.first][0])] = 0.0
-    return [f"position channels of {len(moved)} joints, in place of OFFSET"]
-
-
 def _rest(bones: list[Bone], arms: dict[Side, list[int]], chest: int, frames: Array) -> Rest:
     """In a frame, the person may lean, so there the torso is along the line from the hips to the shoulders.
 
@@ -261,13 +145,13 @@ def _rest(bones: list[Bone], arms: dict[Side, list[int]], chest: int, frames: Ar
         zero[0, bone.moved] = np.median(frames[:, bone.moved], axis=0)
     body = _body(bones, frames)
     below = [bone for bone in range(len(bones)) if body in (bone, *_line(bones, bone))]
-    rotations, places = _pose(bones, zero)
+    rotations, places = pose(bones, zero)
     R_WT, off, reason = _standing(places[0], arms, body, below)
     reason = f"the zero pose of the skeleton is no person with arms that hang or point sideways ({reason})"
     if off <= 1.0:
         return Rest(rotations[0], R_WT, "the zero pose of the skeleton as the rest pose")
     which = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), LOOKED_AT)).astype(int))
-    rotations, places = _pose(bones, frames[which])
+    rotations, places = pose(bones, frames[which])
     found = [_standing(place, arms, body, below) for place in places]
     best = min(range(len(found)), key=lambda index: found[index][1])
     at = which[best] + 1
@@ -352,7 +236,7 @@ def _begins_with_rest(
     """
     if len(frames) < 3:
         return False
-    rotations, places = _pose(bones, frames[:2])
+    rotations, places = pose(bones, frames[:2])
     limbs = [
         np.array([(place[b] - place[a]) @ rotation[chest] for arm in arms.values() for a, b in pairwise(arm)])
         for rotation, place in zip(rotations, places, strict=True)
@@ -397,29 +281,6 @@ def _line(bones: list[Bone], bone: int) -> list[int]:
         line.append(bone)
         bone = bones[bone].parent
     return line[1:]
-
-
-def _pose(bones: list[Bone], frames: Array) -> tuple[Array, Array]:
-    """Returns rotations (k, bones, 3, 3) and positions (k, bones, 3) of all bones in the file's world frame,
-    for k `frames` (k, channels)."""
-    rotations, places = np.empty((len(frames), len(bones), 3, 3)), np.empty((len(frames), len(bones), 3))
-    for number, bone in enumerate(bones):
-        values = frames[:, bone.first : bone.first + len(bone.channels)]
-        turns = [index for index, channel in enumerate(bone.channels) if channel.endswith("rotation")]
-        rotation: Array = np.eye(3)
-        if turns:
-            order = "".join(bone.channels[index][0] for index in turns)
-            rotation = Rotation.from_euler(order, values[:, turns], degrees=True).as_matrix()
-        place = np.repeat(bone.offset[None], len(frames), axis=0)
-        for column in bone.moved:
-            axis = "XYZ".index(bone.channels[column - bone.first][0])
-            place[:, axis] += frames[:, column]
-        if bone.parent >= 0:
-            base = rotations[:, bone.parent]
-            place = places[:, bone.parent] + np.einsum("kij,kj->ki", base, place)
-            rotation = base @ rotation
-        places[:, number], rotations[:, number] = place, rotation
-    return rotations, places
 
 
 def _torso(places: Array, line: Array, spine: Array) -> tuple[Array, Array]:

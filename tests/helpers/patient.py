@@ -25,13 +25,15 @@ PATIENCE = 0.5
 MOTORS = {"Head": 12, "LArm": 15, "RArm": 22}
 """For each part of a NAO: number of the first G1 motor that replaces the part's first joint in these tests.
 The other joints use the following motors."""
+HANDS = {"LHand": "left:index", "RHand": "right:index"}
+"""The NAO's hands are joints of Inspire hands, so that these are held to all that drivers are."""
 
 
 def as_g1(robot: Robot, silence: float) -> Robot:
     """A NAO that is mapped to the motors of a G1 too; over their topics it holds after `silence` [s] without
     data."""
     addresses = tuple(
-        Address(of=servo.name, to=str(first + place))
+        Address(of=servo.name, to=HANDS.get(servo.name, str(first + place)))
         for part, first in MOTORS.items()
         for place, servo in enumerate(robot.servos_of(part))
     )

@@ -52,6 +52,8 @@ class DriverInfo:
     unreached: Mapping[int, str] = field(default_factory=lambda: MappingProxyType({}))
     """Reasons why the driver can't move some servos, by servo index. A servo that the driver can move has no
     entry."""
+    unmeasured: frozenset[int] = frozenset()
+    """Servos whose angles this driver can't measure; readings say 0. A source beside it may know them."""
     left_out: tuple[str, ...] = ()
     """Patches that the address leaves out, so that nobody waits for their frames."""
     sources: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))

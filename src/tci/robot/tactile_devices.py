@@ -51,6 +51,26 @@ class DevicePad:
 
 
 @dataclass(frozen=True, slots=True)
+class DeviceJoint:
+    """A joint that a device measures itself."""
+
+    name: str
+    model: str
+    """Its name in the maker's model of the hand, behind the side: `left_` and this."""
+    rad: tuple[float, float]
+    """Angles [rad] where the source says 0, and where it says 1. Between them it counts evenly: assumed."""
+
+    def angle(self, share: float) -> float:
+        """[rad], of what the source says."""
+        return self.rad[0] + share * (self.rad[1] - self.rad[0])
+
+    def share(self, angle: float) -> float:
+        """What the source says at an `angle` [rad]; outside its range the nearest end."""
+        share = (angle - self.rad[0]) / (self.rad[1] - self.rad[0])
+        return min(max(share, 0.0), 1.0)
+
+
+@dataclass(frozen=True, slots=True)
 class Device:
     """A tactile hand, or a single pad."""
 
@@ -63,6 +83,8 @@ class Device:
     rest: int = 0
     """Raw value of a taxel that nothing touches."""
     newton_per_count: float | None = None
+    joints: tuple[DeviceJoint, ...] = ()
+    """Joints that it measures itself, in its own order."""
 
 
 @cache
@@ -75,6 +97,10 @@ def devices() -> tuple[Device, ...]:
             values=(one["values"][0], one["values"][1]), rest=one.get("rest", 0),
             newton_per_count=one.get("newton_per_count"),
             pads=tuple(_pad(dict(pad)) for pad in one["pad"]),
+            joints=tuple(
+                DeviceJoint(joint["name"], joint["model"], (joint["rad"][0], joint["rad"][1]))
+                for joint in one.get("joint", ())
+            ),
         )
         for one in table["device"]
     )  # fmt: skip

@@ -213,13 +213,13 @@ def test_a_served_hand_tells_its_fingers_and_its_sensors(ends: Any) -> None:
     joints = JointReading(0.0, 0, position, -position, 2.0 * position)
 
     def step() -> bool:
-        served.publish(joints, skin)
+        served.publish(joints, skin, time.monotonic())
         hand.poll(time.monotonic())
         return hand.state is not None
 
     within(10.0, step)
     found = [np.zeros(len(robot.servos)) for _ in range(3)]
-    hand.fill(*found)
+    hand.fill(*found, time.monotonic())
     own = [servo.index for servo in robot.servos if servo.name.startswith("left_hand")]
     for there, sent in zip(found, (joints.position, joints.velocity, joints.torque), strict=True):
         np.testing.assert_allclose(there[own], np.asarray(sent)[own], rtol=1e-6)

@@ -1,6 +1,6 @@
 """`inspire:HOST[:PORT]`: touch and angles of an Inspire RH56DFTP hand over Modbus TCP. Reads only.
 
-`inspire:dds://INTERFACE[/DOMAIN],side=left`: its touch from the maker's bridge on a Unitree robot instead.
+`inspire:dds://INTERFACE[/DOMAIN],side=left`: the same from the maker's bridge on a Unitree robot.
 
 Addresses count bytes, counts are registers of two bytes (Inspire, manual PRJ-02-TS-U-001 V1.0.0). Words are
 big endian: the author of PyPI inspire-rh56dftp 0.1.0 measured it on a hand. The hand echoes transaction ids
@@ -80,7 +80,7 @@ class InspireSource(Source):
                 )
             with needs(f"the source 'inspire:{address}'", "unitree"):
                 from tci.sources.inspire.topics import InspireTopics
-            self._topics = InspireTopics(interface, int(domain or 0), side, dict(self.pads))
+            self._topics = InspireTopics(interface, int(domain or 0), side)
             self.writes = "nothing"  # type: ignore[misc] # of this way to the hand
             return
         host, _, port = address.rpartition(":") if ":" in address else (address, "", str(PORT))
@@ -101,7 +101,11 @@ class InspireSource(Source):
     def read(self) -> Iterable[Sample | FingerAngles]:
         """One sweep, each pad as soon as it is there; or the next message."""
         if self._topics is not None:
-            yield from (one for one in self._topics.read(WAIT) if one.pad in self.wants)
+            yield from (
+                one
+                for one in self._topics.read(WAIT)
+                if isinstance(one, FingerAngles) or one.pad in self.wants
+            )
             return
         for pad, (address, size) in REGISTERS.items():
             if pad in self.wants:

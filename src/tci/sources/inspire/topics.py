@@ -1,7 +1,5 @@
-"""Touch of an Inspire hand from the DDS topics of the maker's bridge, which runs on Unitree's robots.
-
-`rt/inspire_hand/touch/l` and `.../r`, type `inspire::inspire_hand_touch`: 17 sequences of int16 in the order
-of the registers, 2208 bytes, without a stamp or a counter. The bridge calls a single hand r, whichever it is.
+"""Touch and angles of an Inspire hand from the DDS topics of the maker's bridge, which runs on Unitree's
+robots: `rt/inspire_hand/{touch,state}/{l,r}`. The bridge calls a single hand r, whichever it is.
 """
 
 from __future__ import annotations
@@ -10,63 +8,43 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from cyclonedds.idl import IdlStruct, make_idl_struct
-from cyclonedds.idl.annotations import final
-from cyclonedds.idl.types import int16, sequence
+from cyclonedds.idl import IdlStruct
 
 from tci.drivers.diagnosis import Finding, Level
-from tci.drivers.source import Sample
-from tci.errors import FrameError, RecordingError
-from tci.recording.rosmsg.cdr import MessageType, decode
-from tci.shared.dds_types import carry_raw
+from tci.drivers.source import FingerAngles, Sample
+from tci.robot.tactile_devices import device
+from tci.shared import inspire_dds
 from tci.shared.interface_node import InterfaceNode, latest
 from tci.shared.interfaces import check_interface
 
-TURNS = {"tip": "tip", "top": "top", "middle": "middle", "pad": "palm"}
-"""What the bridge calls the pads of a finger: its palm is the pad nearest to the palm."""
-NUMBERS = {"little": "one", "ring": "two", "middle": "three", "index": "four", "thumb": "five"}
-TOPIC = "rt/inspire_hand/touch/"
-LETTERS = {"left": "l", "right": "r"}
 USUAL = {"left": "192.168.123.210", "right": "192.168.123.211"}
 """Addresses of the hands in the example that comes with Unitree's bridge."""
 PAUSE = 0.002
 """Time [s] between two looks for messages."""
 
 
-def field_of(pad: str) -> str:
-    """The bridge's name of a pad such as `index_tip` or `palm`."""
-    finger, _, place = pad.partition("_")
-    return f"finger{NUMBERS[finger]}_{TURNS[place]}_touch" if place else "palm_touch"
-
-
 class InspireTopics:
-    """The touch topic of one hand."""
+    """The topics of one hand."""
 
-    def __init__(self, interface: str, domain: int, side: str, pads: dict[str, int]) -> None:
-        """`pads` is the number of taxels of each pad, in the order of the message."""
+    def __init__(self, interface: str, domain: int, side: str) -> None:
         self._interface, self._domain, self._side = interface, domain, side
-        self._fields = {field_of(pad): pad for pad in pads}
-        self._type = MessageType(
-            "inspire/msg/touch", tuple(("int16[]", name) for name in self._fields), headed=False
-        )
-        members: dict[str, Any] = {field_of(pad): sequence[int16, size] for pad, size in pads.items()}  # type: ignore[misc] # cyclonedds' own form
-        self._kind = carry_raw(
-            final(make_idl_struct("inspire_hand_touch", "inspire.inspire_hand_touch", members))
-        )
+        self._names = [joint.name for joint in device(inspire_dds.DEVICE).joints]
         self._node: InterfaceNode | None = None
         self._reader: Any = None
+        self._states: Any = None
         self._other: Any = None
 
     def open(self) -> None:
         """Raises DriverError for an interface that is not there."""
         check_interface(self._interface, force=True)
         self._node = InterfaceNode(self._interface, self._domain)
-        self._reader = self._node.reader(TOPIC + LETTERS[self._side], self._kind)
+        self._reader = self._node.reader(inspire_dds.topic("touch", self._side), inspire_dds.TOUCH)
+        self._states = self._node.reader(inspire_dds.topic("state", self._side), inspire_dds.STATE)
         self._heard, self._crossed = 0, 0
-        other = next(side for side in LETTERS if side != self._side)
-        self._other = self._node.reader(TOPIC + LETTERS[other], self._kind)
+        other = next(side for side in inspire_dds.LETTERS if side != self._side)
+        self._other = self._node.reader(inspire_dds.topic("touch", other), inspire_dds.TOUCH)
 
-    def read(self, wait: float) -> list[Sample]:
+    def read(self, wait: float) -> list[Sample | FingerAngles]:
         """Raises FrameError for a message that is none of this type."""
         if self._reader is None:
             raise ConnectionResetError("not open")
@@ -74,15 +52,17 @@ class InspireTopics:
         while time.monotonic() < end:
             self._crossed += len(latest(self._other))
             found: list[IdlStruct] = latest(self._reader)
-            if found:
+            states: list[IdlStruct] = latest(self._states)
+            if found or states:
                 self._heard += len(found)
-                return self._samples(found[-1].raw)  # type: ignore[attr-defined] # set by carry_raw
+                angles = self._angles(states[-1].raw) if states else []  # type: ignore[attr-defined] # set by carry_raw
+                return angles + (self._samples(found[-1].raw) if found else [])  # type: ignore[attr-defined]
             time.sleep(PAUSE)
         return []
 
     def diagnose(self) -> Iterator[Finding]:
         """Whether the bridge publishes this hand, or only the other one."""
-        name = TOPIC + LETTERS[self._side]
+        name = inspire_dds.topic("touch", self._side)
         if self._reader is None or self._heard:
             return
         if self._crossed:
@@ -98,13 +78,14 @@ class InspireTopics:
 
     def close(self) -> None:
         if self._node is not None:
-            self._reader = self._other = None
+            self._reader = self._states = self._other = None
             self._node.close()
             self._node = None
 
-    def _samples(self, data: bytes) -> list[Sample]:
-        try:
-            message = decode(self._type, data)
-        except RecordingError as error:
-            raise FrameError(str(error)) from None
-        return [Sample(pad, message[name]) for name, pad in self._fields.items()]
+    def _angles(self, data: bytes) -> list[Sample | FingerAngles]:
+        angles = inspire_dds.state_in(data)["angle_act"] / inspire_dds.FULL
+        return [FingerAngles(dict(zip(self._names, angles.tolist(), strict=True)))]
+
+    @staticmethod
+    def _samples(data: bytes) -> list[Sample | FingerAngles]:
+        return [Sample(pad, values) for pad, values in inspire_dds.pads_in(data).items()]

@@ -6,6 +6,7 @@ DDS topics:
 - `rt/arm_sdk` (from the driver): targets and gains of waist and arms, and a weight. By this weight, the robot
   mixes these targets with the targets of its own controller.
 - `rt/lowcmd` (from the driver, with `?control=all`): targets and gains of all motors.
+- `rt/dex3/...` or `rt/inspire_hand/...`: states, touch and commands of the hands (`hands`, `inspire_hand`).
 
 This DDS has no passwords. Therefore the user must name the network interface, and the driver refuses an
 interface that other machines may reach. A separate process (`keeper`) sends the commands. If the driver's
@@ -42,13 +43,27 @@ from tci.wires.unitree.handover import Phase
 from tci.wires.unitree.hands import Hand, patches_of
 from tci.wires.unitree.health import Health
 from tci.wires.unitree.held_motors import HeldMotors, Status
-from tci.wires.unitree.motors import MOTORS, NAMES, SIDES, VARIANTS, absent, commanded, hand_motor
+from tci.wires.unitree.inspire_fingers import InspireFingers
+from tci.wires.unitree.inspire_hand import InspireHand
+from tci.wires.unitree.motors import (
+    MOTORS,
+    NAMES,
+    SIDES,
+    VARIANTS,
+    absent,
+    commanded,
+    hand_motor,
+    inspire_joint,
+)
 from tci.wires.unitree.set_points import SetPoints
 from tci.wires.unitree.switcher import Switcher
 from tci.wires.unitree.wire import decode_state
 
 WAIT = 5.0
 """Time [s] that a new driver waits for the first state. Assumed: DDS discovery takes a second."""
+BRIDGE = 2.0
+"""Time [s] that a new driver waits for the bridge of a hand that a source feels: without it the hand's
+fingers are not moved. Assumed: longer than DDS discovery."""
 LEAST_FORCE = 1.0
 """Smallest acceleration [m/s2] that a pelvis's accelerometer measures. If a state has a smaller value, the
 accelerometer counts as absent. Assumed: simulations send zeros, and a real robot is never in free fall."""
@@ -100,19 +115,26 @@ class UnitreeDriver(Driver):
         self._joints: JointReading | None = None
         self._phase = Phase.WAITING
         self._set_points = SetPoints(self._slots, whole=self.where.whole)
-        self._fingers: list[FingerMotors] = []
+        self._fingers: list[FingerMotors | InspireFingers] = []
         self._held: HeldMotors | None = None
+        self._began = self.clock.now()
         self._node = InterfaceNode(self.where.interface, self.where.domain)
         try:
             self._states = self._node.reader("rt/lowstate", messages.STATE, keep=MOST)
-            found = [Hand(robot, side, self._node, skin=skin) for side in SIDES]
-            self._hands = [hand for hand in found if hand.there]
+            hands: list[Hand | InspireHand] = [Hand(robot, side, self._node, skin=skin) for side in SIDES]
+            hands += [InspireHand(robot, side, self._node, skin=skin, felt=frozenset(felt)) for side in SIDES]
+            self._hands = [hand for hand in hands if hand.there]
             self._wait(wait)
+            for hand in self._hands:
+                hand.given_up = not hand.heard
             unreached = self._unreached()
             gate = PartialGate(
                 robot, unreached, period=self.period, stale_after=self.gate.stale_after, streams=True
             )
-            self.info = replace(self.info, gate=gate, unreached=unreached)
+            unmeasured = frozenset(
+                servo for hand in self._hands if not hand.heard for servo in hand.servos.tolist()
+            )
+            self.info = replace(self.info, gate=gate, unreached=unreached, unmeasured=unmeasured)
             if arm:
                 self._arm()
         except BaseException:
@@ -154,6 +176,8 @@ class UnitreeDriver(Driver):
         for hand in self._hands:
             if hand.fault:
                 found.append(Finding(Level.FAULT, "hand", hand.fault, "the robot can't be armed like this"))
+            if isinstance(hand, InspireHand):
+                found.append(hand.diagnose(self.clock.now()))
         heat = health.state["motor"]["temperature"][:MOTORS]
         hottest = int(np.argmax(heat.max(axis=1)))
         words = f"the warmest is {NAMES[hottest]}: {heat[hottest].max()} C"
@@ -169,6 +193,10 @@ class UnitreeDriver(Driver):
                     fingers.release()
                     self.gate.stop(Reason(Code.ROBOT_REFUSES, f"the fingers are switched off: {why}"))
                 fingers.repeat(self.clock.now())
+        now = self.clock.now()
+        for hand in () if self._health.passing(now) else self._hands:
+            if silent := hand.silent(now):
+                self.gate.hold(Reason(Code.JOINTS_STALE, silent))
         assert self._joints is not None  # the constructor waits for joint data
         return Reading(self._joints, tuple(frame for hand in self._hands for frame in hand.frames))
 
@@ -210,19 +238,28 @@ class UnitreeDriver(Driver):
             if not self._health.see(state, right, now):
                 continue
             stamp = self._source.place(sample.sample_info.source_timestamp * 1e-9, now)
-            fingers = [hand for hand in self._hands if len(hand.servos)]
-            if stamp is not None and all(hand.state is not None for hand in fingers):
-                self._joints = self._reading(state, min(stamp, now, *(hand.stamp for hand in fingers)))
+            known = all(
+                self._alone(hand) if not hand.heard else not hand.overdue(now) for hand in self._hands
+            )
+            if stamp is not None and known:
+                stamps = [hand.stamp for hand in self._hands if isinstance(hand, Hand) and len(hand.servos)]
+                self._joints = self._reading(state, min(stamp, now, *stamps), now)
 
-    def _reading(self, state: Any, stamp: float) -> JointReading:
+    def _alone(self, hand: Hand | InspireHand) -> bool:
+        """True if the robot is read without a hand's angles: a source feels this hand, and its bridge was
+        given time to answer."""
+        beside = isinstance(hand, InspireHand) and hand.beside
+        return beside and (self.clock.now() - self._began > BRIDGE)
+
+    def _reading(self, state: Any, stamp: float, now: float) -> JointReading:
         motors = state["motor"][self._slots]
         before = self._joints  # the stamp is that of the oldest part, and the number belongs to it
         sequence = 0 if before is None else before.sequence + (stamp != before.stamp)
-        values = [motors[name].astype(float) for name in ("q", "dq", "tau_est")]
+        position, velocity, torque = (motors[name].astype(float) for name in ("q", "dq", "tau_est"))
         for hand in self._hands:
             if len(hand.servos):
-                hand.fill(*values)
-        position, velocity, torque = (read_only(value) for value in values)
+                hand.fill(position, velocity, torque, now)
+        position, velocity, torque = read_only(position), read_only(velocity), read_only(torque)
         force = state["accelerometer"].astype(float)
         measured = np.linalg.norm(force) >= LEAST_FORCE
         gravity = read_only(-force) if measured else None
@@ -237,8 +274,7 @@ class UnitreeDriver(Driver):
             if time.monotonic() > end:
                 why, topic = self._health.passing(self.clock.now()), "rt/lowstate"
                 if not why:
-                    side = next(hand.side for hand in self._hands if hand.state is None)
-                    why, topic = f"no state of the {side} hand", f"rt/dex3/{side}/state"
+                    why, topic = next((hand.missing, hand.topic) for hand in self._hands if not hand.heard)
                 raise DriverError(f"{why} within {seconds:g} s on {self.where}, topic {topic}")
             time.sleep(0.002)
 
@@ -247,7 +283,12 @@ class UnitreeDriver(Driver):
         variant = int(self._health.state["mode_machine"])
         gone = absent(variant, simulation=self.where.simulation)
         count = VARIANTS.get(variant, (MOTORS, ()))[0]
-        found = {}
+        found = {
+            servo: f"{hand.missing}, topic {hand.topic}"
+            for hand in self._hands
+            if not hand.heard
+            for servo in hand.servos.tolist()
+        }
         for servo, slot in enumerate(self._slots.tolist()):
             if slot < 0:
                 continue
@@ -262,7 +303,11 @@ class UnitreeDriver(Driver):
         faults = [self._health.lasting, *(hand.fault for hand in self._hands)]
         if why := next(filter(None, faults), ""):
             raise DriverError(f"the robot can't be armed: {why}")
-        self._fingers = [FingerMotors(self._node, hand) for hand in self._hands if len(hand.servos)]
+        self._fingers = [
+            FingerMotors(self._node, hand) if isinstance(hand, Hand) else InspireFingers(self._node, hand)
+            for hand in self._hands
+            if len(hand.servos) and hand.heard
+        ]
         if self.where.whole:
             Switcher(self._node).release()
         self._held = HeldMotors(self.where, self.period, self._node, self._health)
@@ -300,7 +345,7 @@ def slots_of(robot: Robot) -> NDArray[np.intp]:
     owners: dict[str, str] = {}
     slots = []
     for servo in robot.servos:
-        finger = hand_motor(robot, servo.name)
+        finger = hand_motor(robot, servo.name) or inspire_joint(robot, servo.name)
         usual = str(NAMES.index(servo.name)) if servo.name in NAMES else ""
         to = binding.address(servo.name, usual)
         if finger is not None:
@@ -308,7 +353,7 @@ def slots_of(robot: Robot) -> NDArray[np.intp]:
         elif not (to.isascii() and to.isdigit() and int(to) < MOTORS):
             raise DriverError(
                 f"{servo.name} has the motor {to!r}; valid: 0 to {MOTORS - 1}, as the `to` of an address in "
-                "the binding to unitree, or left:0 to right:6 for a finger"
+                "the binding to unitree; left:0 to right:6 for a finger of a Dex3, left:index of an Inspire"
             )
         if to in owners:
             raise DriverError(f"{servo.name} and {owners[to]} have the motor {to}; valid: one each")

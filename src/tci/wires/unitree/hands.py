@@ -23,6 +23,7 @@ from tci.robot.description import Patch, Robot
 from tci.shared.interface_node import InterfaceNode, latest
 from tci.wires.unitree import messages
 from tci.wires.unitree.health import motor_fault
+from tci.wires.unitree.inspire_hand import inspire_pads
 from tci.wires.unitree.motors import FINGER_MOTORS, SIDES, hand_motor
 from tci.wires.unitree.wire import TAXELS, decode_hand
 
@@ -35,21 +36,23 @@ def patches_of(robot: Robot) -> tuple[Patch, ...]:
     hand, and the patches whose touches are detected by joint torques.
     """
     named = {address.of for address in robot.binding("unitree").addresses}
+    named |= {name for side in SIDES for name in inspire_pads(robot, side)}
     return tuple(patch for patch in robot.patches if patch.through_joints or patch.name in named)
 
 
 def pads_of(robot: Robot, side: str) -> dict[str, slice]:
     """Returns the press sensors of each patch on one hand. Raises DriverError for an invalid address."""
     binding, found = robot.binding("unitree"), {}
+    others = {name for one in SIDES for name in inspire_pads(robot, one)}
     for patch in patches_of(robot):
-        if patch.through_joints:
+        if patch.through_joints or patch.name in others:
             continue
         to = binding.address(patch.name, "")
         place = re.fullmatch(r"(left|right)(?::(\d{1,2})-(\d{1,2}))?", to)
         if place is None or (place[2] and int(place[3]) < int(place[2])):
             raise DriverError(
                 f"{patch.name} is on the hand {to!r}; valid: {', '.join(SIDES)}, or press sensors of one, "
-                "such as left:0-1"
+                "such as left:0-1; or a pad of an Inspire hand, such as left:index_tip"
             )
         if place[1] == side:
             found[patch.name] = slice(int(place[2]), int(place[3]) + 1) if place[2] else slice(None)
@@ -80,10 +83,10 @@ class Hand:
         """Indices (k,) of the servos of the fingers, and numbers (k,) of their motors."""
         pads = pads_of(robot, side) if skin else {}
         self._pads = {patch: pads[patch.name] for patch in robot.patches if patch.name in pads}
-        self._topic = f"rt/dex3/{side}/state"
+        self.topic = f"rt/dex3/{side}/state"
         self.there = bool(len(self.servos) or self._pads)
         """True if the robot's description has fingers or patches on this hand."""
-        self._states = node.reader(self._topic, messages.HAND_STATE) if self.there else None
+        self._states = node.reader(self.topic, messages.HAND_STATE) if self.there else None
         self._source = SourceClock()
         self._lost: NDArray[np.uint32] | None = None
         self.frames: tuple[SkinFrame, ...] = ()
@@ -96,7 +99,27 @@ class Hand:
         self.fault = ""
         """Reason for which the fingers must not move until a person connects again. The text is empty if the
         fingers may move."""
+        self.given_up = False
+        """True if nobody waits for its angles any more."""
         self._count = 0
+
+    @property
+    def heard(self) -> bool:
+        """True as soon as the motors' angles are known."""
+        return self.state is not None or not len(self.servos)
+
+    @property
+    def missing(self) -> str:
+        """Why the angles are not known."""
+        return f"no state of the {self.side} hand"
+
+    def overdue(self, now: float) -> bool:
+        """False: see `silent`."""
+        return False
+
+    def silent(self, now: float) -> str:
+        """Empty: the joint data has the stamp of the hand's latest state, so the gate sees how old it is."""
+        return ""
 
     def poll(self, now: float) -> None:
         """Reads the latest state of the hand; `now` [s] is the present time.
@@ -113,7 +136,7 @@ class Hand:
                 continue
             if len(self.servos) and len(motors) < len(FINGER_MOTORS):
                 raise DriverError(
-                    f"{self._topic} has {len(motors)} motors; valid: {len(FINGER_MOTORS)}, those of a Dex3"
+                    f"{self.topic} has {len(motors)} motors; valid: {len(FINGER_MOTORS)}, those of a Dex3"
                 )
             self.state, self.stamp = motors, min(stamp, now)
             if len(self.servos):
@@ -128,7 +151,7 @@ class Hand:
             f"the {self.side} hand reports the errors {reported}" if errors.any() else ""
         )
 
-    def fill(self, position: Array, velocity: Array, torque: Array) -> None:
+    def fill(self, position: Array, velocity: Array, torque: Array, now: float) -> None:
         """Writes the fingers' angles [rad], speeds [rad/s] and torques [N m] into the arrays (n_servos,)."""
         for name, values in (("q", position), ("dq", velocity), ("tau_est", torque)):
             values[self.servos] = self.state[name][self.motors]
@@ -141,7 +164,7 @@ class Hand:
             own = values[chosen].ravel()
             if len(own) != patch.channels or (chosen.stop or 0) > len(values):
                 raise DriverError(
-                    f"{self._topic} has {len(pads)} press sensors of {TAXELS} values, {patch.name} has "
+                    f"{self.topic} has {len(pads)} press sensors of {TAXELS} values, {patch.name} has "
                     f"{patch.channels} channels; valid: as many as values"
                 )
             made.append(SkinFrame(patch.name, self.stamp, self._count, read_only(own, np.float32)))

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import DriverError
+from tci.robot.tactile_devices import device
+from tci.shared.inspire_dds import DEVICE
 
 if TYPE_CHECKING:
     from tci.robot.description import Robot
@@ -31,6 +33,8 @@ FINGER_MOTORS = tuple(f"{finger}_{joint}" for finger, joints in (("thumb", 3), (
 """Motors of a Dex3 hand. In this order of the vendor, the middle finger is before the index finger on both
 hands. Other sources have the opposite order on the right hand. Therefore `tci check --hardware` moves each
 motor and asks the operator which finger moved."""
+INSPIRE = {joint.model: joint.name for joint in device(DEVICE).joints}
+"""Joints of an Inspire hand, by their usual names behind the side, in the order of its messages."""
 FINGER_GAINS = np.array([1.5, 0.1])
 """Gains (2,) of a finger's motor for full stiffness [N m/rad] and full damping [N m s/rad], from the vendor's
 example."""
@@ -64,6 +68,17 @@ def hand_motor(robot: Robot, servo: str) -> tuple[str, int] | None:
     usual = f"{found[1]}:{FINGER_MOTORS.index(found[2])}" if found and found[2] in FINGER_MOTORS else ""
     to = re.fullmatch(r"(left|right):([0-6])", robot.binding("unitree").address(servo, usual))
     return None if to is None else (to[1], int(to[2]))
+
+
+def inspire_joint(robot: Robot, servo: str) -> tuple[str, str] | None:
+    """Hand and joint, such as left and thumb_bend, of a servo of an Inspire hand; None of any other servo.
+
+    The joint is found by the servo's address in the binding or, without an address, by the servo's name.
+    """
+    side, _, name = servo.partition("_")
+    usual = f"{side}:{INSPIRE[name]}" if name in INSPIRE else ""
+    to = re.fullmatch(r"(left|right):([a-z_]+)", robot.binding("unitree").address(servo, usual))
+    return (to[1], to[2]) if to is not None and to[2] in INSPIRE.values() else None
 
 
 def gains(*, whole: bool) -> NDArray[np.void]:

@@ -3,6 +3,7 @@ to orders for the gate."""
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import suppress
 from typing import Any
 
@@ -46,17 +47,16 @@ class ServedHand:
         count = 1 + max((int(places.max()) for places in self._pads.values()), default=-1)
         self._press: Any = np.zeros(count, PRESS)
 
-    def orders(self) -> tuple[list[Order], int]:
-        """Returns orders for the fingers from the commands that arrived since the last call, and the number
-        of invalid commands."""
+    def orders(self, now: float, rejected: Counter[str]) -> list[Order]:
+        """Orders for the fingers, from the commands that arrived since the last call. Commands that can't be
+        used are counted by the reason."""
         found: list[Order] = []
-        wrong = 0
         for sample in latest(self._commands):
             motors: Any = ()
             with suppress(FrameError):
                 motors = decode_hand_command(sample.raw)
             if len(motors) != len(FINGER_MOTORS) or not np.isfinite(motors["q"]).all():
-                wrong += 1
+                rejected["for a hand, with other motors or angles that are not finite"] += 1
                 continue
             led = (motors["mode"] & FOLLOWS != 0) & (motors["mode"] & 0x0F == np.arange(len(motors)))
             own = (led & (motors["kp"] > 0.0))[self._motors]
@@ -64,9 +64,9 @@ class ServedHand:
                 wanted = motors["q"][self._motors[own]].astype(float)
                 order = movable(position_order(self._servos[own], wanted), self._robot)
                 found += [] if order is None else [order]
-        return found, wrong
+        return found
 
-    def publish(self, joints: JointReading, skin: tuple[SkinFrame, ...]) -> None:
+    def publish(self, joints: JointReading, skin: tuple[SkinFrame, ...], now: float) -> None:
         """Sends a state of the hand's motors and press sensors."""
         state, servos = self._state, self._servos
         state["q"][self._motors], state["dq"][self._motors] = joints.position[servos], joints.velocity[servos]

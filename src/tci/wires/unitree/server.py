@@ -28,6 +28,7 @@ from tci.wires.unitree.address import parse_unitree
 from tci.wires.unitree.driver import slots_of
 from tci.wires.unitree.motors import SIDES, commanded
 from tci.wires.unitree.served_hands import ServedHand
+from tci.wires.unitree.served_inspire import ServedInspire
 from tci.wires.unitree.switcher import SwitcherServer
 from tci.wires.unitree.wire import STATE, WEIGHT, decode_command, encode_state
 
@@ -80,7 +81,8 @@ class UnitreeServer(Server):
         self._all = self._node.reader("rt/lowcmd", messages.COMMAND)
         self._states = self._node.out("rt/lowstate", messages.STATE)
         self.switcher = SwitcherServer(self._node)
-        hands = [ServedHand(driver.robot, side, self._node) for side in SIDES]
+        kinds = (ServedHand, ServedInspire)
+        hands = [kind(driver.robot, side, self._node) for kind in kinds for side in SIDES]
         self._hands = [hand for hand in hands if hand.there]
 
     def where(self) -> str:
@@ -104,9 +106,7 @@ class UnitreeServer(Server):
                 if (order := self._order(command["motor"], arms=arms)) is not None:
                     found.append(order)
         for hand in self._hands:
-            orders, wrong = hand.orders()
-            found += orders
-            self.rejected["for a hand, with other motors or angles that are not finite"] += wrong
+            found += hand.orders(now, self.rejected)
         return found
 
     def fault(self) -> Reason | None:
@@ -125,7 +125,7 @@ class UnitreeServer(Server):
             self._shown = joints.sequence
             self._show(joints)
         for hand in self._hands:
-            hand.publish(joints, reading.skin)
+            hand.publish(joints, reading.skin, self.driver.clock.now())
 
     def _show(self, joints: JointReading) -> None:
         """Sends a state message with the measured values of the joints to all clients."""

@@ -16,7 +16,7 @@ from cyclonedds.idl.types import byte, int8, int16, sequence
 from numpy.typing import NDArray
 
 from tci.errors import FrameError
-from tci.robot.tactile_devices import pads_of
+from tci.robot.tactile_devices import device
 from tci.shared.dds_types import carry_raw
 
 HEAD = b"\0\1\0\0"
@@ -30,13 +30,15 @@ ANGLE = 1
 TURNS = {"tip": "tip", "top": "top", "middle": "middle", "pad": "palm"}
 """What the bridge calls the pads of a finger: its palm is the pad nearest to the palm."""
 NUMBERS = {"little": "one", "ring": "two", "middle": "three", "index": "four", "thumb": "five"}
-THUMB = ("tip", "top", "middle", "pad")
+_SIZES = {(place, pad.name): pad.channels for pad in device(DEVICE).pads for place in (*pad.fingers, "palm")}
 PADS: Mapping[str, int] = {
-    pad: pads_of(DEVICE)[pad].channels
-    for pad in (
-        *(f"{finger}_{pad}" for finger in NUMBERS for pad in THUMB if f"{finger}_{pad}" in pads_of(DEVICE)),
-        "palm",
-    )
+    **{
+        f"{finger}_{pad}": _SIZES[finger, pad]
+        for finger in NUMBERS
+        for pad in TURNS
+        if (finger, pad) in _SIZES
+    },
+    "palm": _SIZES["palm", "palm"],
 }
 """Number of taxels of each pad, in the order of the message."""
 STATES: Mapping[str, int] = dict.fromkeys(("pos_act", "angle_act", "force_act", "current"), 6)

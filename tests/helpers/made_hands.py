@@ -1,4 +1,4 @@
-"""Small models of four kinds of hands for made humanoids.
+"""Small models of five kinds of hands for made humanoids.
 
 The arms hang. The left palm faces right, and its thumb is in front. Each joint is given by its name, the step
 [m] to the joint, its axis and its limits [rad].
@@ -46,6 +46,17 @@ def inspire() -> list[Chain]:
         _row(n, 0.02 - 0.02 * i, ("_proximal", "_intermediate"), spread=None) for i, n in enumerate(names)
     ]
     return [thumb, *rows]
+
+
+def folding() -> list[Chain]:
+    """Returns the same hand with a palm that folds along its length: ring and little finger are on its outer
+    part."""
+    fold: Joint = ("palm_fold", (-0.01, 0.0, -0.05), (0.0, 0.0, 1.0), (0.0, 0.9))
+    thumb, index, middle, *others = inspire()
+    folded = []
+    for (name, (x, y, z), axis, limits), *rest in others:
+        folded.append([fold, (name, (x + 0.01, y, z + 0.05), axis, limits), *rest])
+    return [thumb, index, middle, *folded]
 
 
 def shadow() -> list[Chain]:
@@ -127,12 +138,16 @@ def with_hands(
 
     `motor` is the torque limit [N m] and the speed limit [rad/s] of the joints.
     """
-    words, ends = [], tips(chains)
+    words, ends, made = [], tips(chains), set()
     for side, sign in (("left", 1.0), ("right", -1.0)):
         for chain in chains:
             parent = f"{side}_wrist_pitch_link"
             for name, (x, y, z), (ax, ay, az), own in chain:
                 full = f"{side}_{(names or {}).get(name, name)}"
+                if full in made:  # a joint that carries several chains
+                    parent = f"{full}_link"
+                    continue
+                made.add(full)
                 lower, upper = limits or own
                 follows = FOLLOWERS.get(name)
                 mimic = f"<mimic joint='{side}_{follows[0]}' multiplier='{follows[1]}'/>" if follows else ""

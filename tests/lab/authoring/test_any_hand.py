@@ -48,6 +48,7 @@ EXPECTED = {
     },
 }  # fmt: skip
 """Joints of the model for each generic joint, by kind of hand."""
+EXPECTED["folding"] = EXPECTED["inspire"]
 
 
 def handed(folder: Path, chains: Sequence[Chain], **changed: object) -> Path:

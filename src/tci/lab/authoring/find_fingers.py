@@ -111,8 +111,7 @@ def find_fingers(
     able = [one for one in own if not facts[joints[one].name].stuck]
     best: list[tuple[int, ...]] = []
     for palm in [-1, *able] if arm is None else able:
-        chains = [_chain(joints, one, able) for one in able if joints[one].parent == palm]
-        found = [chain for chain in chains if len(chain) > 1]
+        found = _chains_of(joints, palm, able)
         best = found if len(found) > len(best) else best
     if len(best) < FEWEST:
         return ()
@@ -133,6 +132,19 @@ def find_fingers(
     named = {thumb: "thumb"} | dict(zip(others, usual, strict=True))
     made = [_spread(joints, replace(fingers[one], name=name), palmar, radial) for one, name in named.items()]
     return tuple(sorted(made, key=lambda finger: FINGERS.index(finger.name)))
+
+
+def _chains_of(joints: Sequence[Joint], palm: int, able: Sequence[int]) -> list[tuple[int, ...]]:
+    """The finger-like chains on a palm, moved by the joint `palm`; of a palm that folds, also those on the
+    parts that its folds move. Each of these carries two fingers at least, and the palm itself one."""
+    first = [one for one in able if joints[one].parent == palm]
+    found = [chain for one in first if len(chain := _chain(joints, one, able)) > 1]
+    for fold in first if found else ():
+        carried_by = [one for one in able if joints[one].parent == fold]
+        folded = [chain for one in carried_by if len(chain := _chain(joints, one, able)) > 1]
+        if len(folded) > 1 and len(found) + len(folded) <= len(FINGERS):
+            found += folded
+    return found
 
 
 def _chain(joints: Sequence[Joint], first: int, able: Sequence[int]) -> tuple[int, ...]:

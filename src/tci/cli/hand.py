@@ -176,6 +176,7 @@ def _examine(reader: SourceReader, *, as_json: bool) -> None:
     from tci.errors import CommandError
     from tci.lab.commissioning.hand import examine_hand
     from tci.lab.commissioning.hand_rest import rest_file
+    from tci.lab.commissioning.hand_shapes import shapes_file
     from tci.lab.commissioning.hand_turns import turns_file
 
     reader.wait(1.0)
@@ -186,17 +187,22 @@ def _examine(reader: SourceReader, *, as_json: bool) -> None:
         except typer.Abort as error:
             raise CommandError("--doctor asks you to press; valid: in a terminal") from error
 
-    last, turns = rest_file(reader.name), turns_file(reader.name)
-    found = (*examine_hand(reader, ask, seconds=PRESS, last=last, turns=turns), *reader.diagnose())
-    print_findings(reader.name, found, (), as_json=as_json)
+    found = examine_hand(
+        reader, ask, seconds=PRESS, last=rest_file(reader.name), turns=turns_file(reader.name),
+        shapes=shapes_file(reader.name),
+    )  # fmt: skip
+    print_findings(reader.name, (*found, *reader.diagnose()), (), as_json=as_json)
 
 
 def _shapes(reader: SourceReader) -> dict[str, DevicePad]:
     """The pads as they lie, as far as somebody told."""
+    from tci.lab.commissioning.hand_shapes import shapes_file, shapes_told
     from tci.lab.commissioning.hand_turns import pads_as_found, turns_file
     from tci.robot.tactile_devices import pads_of
 
-    return pads_as_found(pads_of(reader.source.device, reader.channels), turns_file(reader.name))
+    known = pads_of(reader.source.device, reader.channels)
+    known |= shapes_told(reader.channels, shapes_file(reader.name))
+    return pads_as_found(known, turns_file(reader.name))
 
 
 def _report(reader: SourceReader) -> dict[str, Any]:

@@ -10,12 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from helpers.serial_devices import Paxini
 from helpers.touch_devices import InspireHand
 from tci.drivers.diagnosis import Level
 from tci.drivers.registry import source_at
 from tci.drivers.source_reader import SourceReader
 from tci.lab.authoring.hand import write_hand
 from tci.lab.commissioning.hand import examine_hand
+from tci.lab.commissioning.hand_shapes import shapes_told
 from tci.lab.commissioning.hand_turns import pads_as_found
 from tci.robot.tactile_devices import in_rows, pads_of
 
@@ -173,6 +175,43 @@ def test_left_taken_for_right_is_told(hand: InspireHand, few: SourceReader, tmp_
     assert "side=left or side=right" in found["corners"].advice
     kept = pads_as_found(pads_of("inspire-rh56dftp", few.channels), turns)
     assert in_rows(np.arange(9), kept["index_tip"])[0].tolist() == [2, 1, 0]
+
+
+def test_how_values_lie_is_asked_where_nobody_says_and_kept(tmp_path: Path) -> None:
+    board, asked = Paxini(), list[str]()
+    board.values = {pad: [20] * size for pad, size in board.pads.items()}
+    board.plug()
+    source = source_at(board.via)
+    reader = SourceReader(board.via, source, source.pads)
+    reader.wait(3.0)
+    answers = {"12 values": ["three", "4x4", "3 x 4 2.5"], "31 values": [], "10 values": []}
+
+    def ask(words: str) -> str:
+        asked.append(words)
+        left = next((left for count, left in answers.items() if count in words), [])
+        return left.pop(0) if left else ""
+
+    file = tmp_path / "hands" / "board.shapes.json"
+    try:
+        examine_hand(reader, ask, seconds=0.02, shapes=file)
+        told = [words for words in asked if "palm_3" in words]
+        assert [words.split("type")[0] for words in told] == [
+            "",
+            "'three' is not of this form; ",
+            "4 x 4 are 16; ",
+        ]
+        shapes = shapes_told(reader.channels, file)
+        path = write_hand(reader, tmp_path / "board", shapes=shapes)
+        rows = [line.split(",") for line in (path.parent / "palm_3.csv").read_text().splitlines()[1:]]
+        assert [float(rows[k][1]) for k in (0, 1, 4)] == [-3.75, -1.25, -3.75]
+        asked.clear()
+        examine_hand(reader, ask, seconds=0.02, shapes=file)
+        assert not [words for words in asked if "palm_3" in words and "type" in words], "it knows by now"
+    finally:
+        reader.close()
+        board.unplug()
+    file.write_text('{"palm_3": "rubbish"}')
+    assert shapes_told({"palm_3": 12}, file) == {}
 
 
 @pytest.mark.parametrize(

@@ -13,14 +13,16 @@ from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.source_reader import SourceReader
 from tci.lab.commissioning.hand_corners import examine_corners
 from tci.lab.commissioning.hand_rest import SHARE, compare_rest
+from tci.lab.commissioning.hand_shapes import ask_shapes, shapes_told
 from tci.lab.commissioning.hand_turns import keep_turns, pads_as_found
 from tci.lab.commissioning.hand_watch import LEAST, NOISE, Ask, Seen, named, share, watch
 from tci.robot.tactile_devices import FINGERS, devices, pads_of, place_of
 
 
 def examine_hand(
-    reader: SourceReader, ask: Ask, *, seconds: float, last: Path | None = None, turns: Path | None = None
-) -> tuple[Finding, ...]:
+    reader: SourceReader, ask: Ask, *, seconds: float, last: Path | None = None, turns: Path | None = None,
+    shapes: Path | None = None,
+) -> tuple[Finding, ...]:  # fmt: skip
     """
     Args:
         reader: The hand.
@@ -28,6 +30,8 @@ def examine_hand(
         seconds: How long to look after each thing that it asks for.
         last: File with the rest of the last session, which this one replaces unless a pad rests elsewhere.
         turns: File with which way round the pads lie, where what three corners show is kept.
+        shapes: File with how the values of pads lie that the table of devices lacks; it asks for those that
+            are not in it either.
     """
     ask("take your hands off it")
     rest = watch(reader, seconds)
@@ -55,13 +59,18 @@ def examine_hand(
     found += _exchanged(felt)
     found += _after_presses(reader, rest, most, felt)
     assumed = pads_of(reader.source.device, reader.channels)
-    shapes = assumed if turns is None else pads_as_found(assumed, turns)
+    if shapes is not None:
+        assumed |= shapes_told(reader.channels, shapes)
+        unknown = {pad: count for pad, count in reader.channels.items() if pad not in assumed}
+        if reader.source.values_per_point == 1:
+            assumed |= ask_shapes(unknown, ask, shapes)
+    known = assumed if turns is None else pads_as_found(assumed, turns)
     told, lie = examine_corners(
-        reader, rest, {pad: one for pad, one in shapes.items() if felt.get(place_of(pad)) == place_of(pad)},
+        reader, rest, {pad: one for pad, one in known.items() if felt.get(place_of(pad)) == place_of(pad)},
         ask, seconds,
     )  # fmt: skip
     if turns is not None and lie:
-        keep_turns(turns, assumed, shapes | lie)
+        keep_turns(turns, assumed, known | lie)
     return (*found, *told)
 
 

@@ -4,20 +4,23 @@ A packet is 9A, a checksum that is always 0, a command and a length; then fields
 kind and finger, and big-endian values (Robotiq, tactile_sensors 8cb02198). Pressure comes 60 times a second,
 inertial values 1000 times: a packet without a field of pressure is no frame of it. Nothing says when a packet
 is damaged, so it counts only if its fields fill it exactly. The host subtracts a baseline, in no known unit.
+A finger counts time in ticks that nobody explains (`ticks`).
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from tci.drivers.source import Sample
 from tci.shared.serial_source import SerialSource
+from tci.sources.robotiq.ticks import Ticks
 
 HEADER = 4
-STATIC = 1
-BYTES = {STATIC: 56, 2: 2, 3: 6, 4: 6, 5: 6, 6: 2, 7: 8}
+STATIC, TIME = 1, 7
+BYTES = {STATIC: 56, 2: 2, 3: 6, 4: 6, 5: 6, 6: 2, TIME: 8}
 """Length of each kind of field: static and dynamic pressure, acceleration, rotation, magnetic field,
 temperature, time."""
 SEND = bytes((0x9A, 0x00, 0x58, 1, 10))
@@ -35,6 +38,7 @@ class RobotiqSource(SerialSource):
     asks = True
 
     def start(self) -> None:
+        self._ticks: dict[str, Ticks] = {}
         self.port.write(SEND)
 
     def measure(self, data: bytes) -> int | None:
@@ -44,9 +48,14 @@ class RobotiqSource(SerialSource):
         return size if sum(1 for _ in self._fields(data[:size])) else 0
 
     def samples(self, frame: bytes) -> Iterator[Sample]:
-        for kind, finger, values in self._fields(frame):
-            if kind == STATIC and f"finger_{finger}" in self.pads:
-                yield Sample(f"finger_{finger}", np.frombuffer(values, ">u2").astype(np.uint16))
+        fields = self._fields(frame)
+        counts = {finger: int.from_bytes(value) for kind, finger, value in fields if kind == TIME}
+        for kind, finger, values in fields:
+            pad = f"finger_{finger}"
+            if kind == STATIC and pad in self.pads:
+                ticks = self._ticks.setdefault(pad, Ticks())
+                stamp = ticks.seconds(counts[finger], time.monotonic()) if finger in counts else None
+                yield Sample(pad, np.frombuffer(values, ">u2").astype(np.uint16), stamp)
 
     @staticmethod
     def _fields(packet: bytes) -> list[tuple[int, int, bytes]]:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+import pytest
 from lxml import etree
 from scipy.spatial.transform import Rotation
 
 from helpers.command_line import tci
 from tci.exports import skin_to_mjcf, skin_to_urdf
+from tci.exports.urdf import to_urdf
+from tci.messages import SkinFrame
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Grid, Patch, Robot
 from tci.skin.surfaces import surfaces_of
+from tci.wires.ros.cloud import PatchCloud
 
 
 def padded() -> Robot:
@@ -73,6 +77,18 @@ def test_taxels_are_where_they_were() -> None:
             touch = model.sensor(f"{surface.patch}_{channel}")
             assert touch.type == mujoco.mjtSensor.mjSENS_TOUCH
             assert touch.objid == site.id
+
+
+@pytest.mark.parametrize(("name", "own"), [("g1-inspire", 34), ("nao-whole", 0)])
+def test_pads_are_links_of_the_served_model_and_clouds_are_in_their_frames(name: str, own: int) -> None:
+    robot = load_robot(name)
+    links = {one.get("name") for one in etree.fromstring(to_urdf(robot).encode()).iterfind("link")}
+    frames = []
+    for patch, surface in zip(robot.patches, surfaces_of(robot), strict=True):
+        frame = SkinFrame(patch.name, 0.0, 0, np.full(patch.channels, patch.sensor.rest))
+        frames.append(PatchCloud(patch, surface).values(frame, 1.0)[2])
+    assert {*frames} <= links
+    assert len({frame for frame in frames if "_force_sensor" in frame}) == own
 
 
 def test_a_ball_on_a_pad_is_felt_by_the_taxels_below_it() -> None:

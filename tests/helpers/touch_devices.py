@@ -77,8 +77,12 @@ class TouchDevice(ABC):
         thread.start()
         self._threads.append(thread)
 
-    def unplug(self) -> None:
+    def pull(self) -> None:
+        """Unplugs it without waiting until it is gone."""
         self._in.clear()
+
+    def unplug(self) -> None:
+        self.pull()
         for thread in self._threads:
             thread.join(timeout=5.0)
         self._threads.clear()

@@ -26,6 +26,7 @@ from tci.errors import DriverError
 from tci.messages import Order, Perception
 from tci.reasons import Code
 from tci.robot.tactile_devices import device, in_rows
+from tci.runtime.loop import Tick
 
 pytestmark = [pytest.mark.timeout(120), pytest.mark.xdist_group("sources")]
 PEER = """
@@ -159,11 +160,14 @@ def test_a_silent_hand_holds_only_who_needs_it(hand: InspireHand, caplog: pytest
     hand.values["palm"] = [2000] * 112
     with tci.connect("g1-inspire", f"sim + {hand.via},side=left", arm=True) as driver:
         pressed(driver, "left_palm")
-        hand.unplug()
         felt: list[int] = []
-        result = tci.run(
-            driver, Idle(), duration=1.2, observe=lambda tick: felt.append(len(tick.perception.contacts))
-        )
+
+        def watch(tick: Tick) -> None:
+            felt.append(len(tick.perception.contacts))
+            hand.pull()
+
+        result = tci.run(driver, Idle(), duration=1.2, observe=watch)
+        hand.unplug()
         assert not result.holds
         assert felt[0]
         assert not felt[-1], "a pad that is gone still feels"
@@ -247,6 +251,19 @@ def test_the_makers_topics_give_the_same_pads_and_a_crossed_hand_is_told(letter:
     finally:
         bridge.kill()
         bridge.wait()
+
+
+def test_a_bridge_that_is_not_started_is_told_with_the_usual_addresses() -> None:
+    source = source_at(f"inspire:dds://lo/{next(DOMAINS)},side=left")
+    source.open()
+    try:
+        assert not list(source.read())
+        (told,) = source.diagnose()
+        assert "nobody publishes rt/inspire_hand/touch/l on lo" in told.what
+        assert "start the maker's bridge" in told.advice
+        assert "inspire:192.168.123.210 as Unitree sets it up, inspire:192.168.11.210 as sold" in told.advice
+    finally:
+        source.close()
 
 
 def test_a_topic_needs_a_side() -> None:

@@ -123,6 +123,17 @@ def test_a_refused_connection_says_what_to_do_next(via: str, advice: str) -> Non
     assert advice in str(said.exception)
 
 
+def test_no_permission_is_told_with_the_group(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(path: str, flags: int) -> int:
+        raise PermissionError(13, "Permission denied", path)
+
+    monkeypatch.setattr("tci.shared.serial_port.os.open", refuse)
+    with pytest.raises(
+        DriverError, match=r"robotiq:/dev/ttyACM0.*no permission; add yourself to the group dialout"
+    ):
+        SourceReader("robotiq:/dev/ttyACM0", source_at("robotiq:/dev/ttyACM0"), {"finger_0": 28})
+
+
 WINDOWS = """
 import sys, types
 for module in ("fcntl", "grp", "pwd", "resource", "termios", "tty"):

@@ -14,8 +14,9 @@ import numpy as np
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import byte, float32, float64, int8, int32, sequence, uint16, uint32
+from cyclonedds.idl.types import byte, float32, float64, int32, sequence, uint16, uint32
 from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
 
@@ -148,10 +149,19 @@ class HandTouchData(IdlStruct, typename=name("booster_interface", "HandTouchData
 
 
 @dataclass
-class TactileSensor(IdlStruct, typename=name("omnihand_node_msgs", "TactileSensor")):
-    thumb_: sequence[byte]
-    palm_: sequence[byte]
-    online_: int8
+class TactileData(IdlStruct, typename=name("omnihand_2025_node_msgs", "TactileData")):
+    tactiles_: sequence[byte]
+
+
+@dataclass
+class TactileSensor(IdlStruct, typename=name("omnihand_2025_node_msgs", "TactileSensor")):
+    header_: Header
+    tactile_datas_: sequence[TactileData]
+
+
+@dataclass
+class Empty(IdlStruct, typename=name("std_msgs", "Empty")):
+    structure_needs_at_least_one_member_: byte
 
 
 @dataclass
@@ -200,7 +210,7 @@ def messages(k: int, stamp: float) -> dict[str, Any]:
         "robotis": DynamicJointState(head, joints, held),
         "json": String(json.dumps(hand)),
         "booster": HandTouchData(HandTouchParam(list(octets), [0] * 8), 0, 2),
-        "omnihand": TactileSensor([1] * 4, values, 1),
+        "omnihand": TactileSensor(head, [TactileData([1] * 4), TactileData(values)]),
         "shadow": UBI0All(head, [MSTBlock([5] * 12), MSTBlock(values)]),
     }  # fmt: skip
 
@@ -213,8 +223,12 @@ def main(namespace: str, how: str) -> None:
         topic: DataWriter(participant, Topic(participant, f"rt{namespace}/{topic}", type(message)), qos=qos)
         for topic, message in messages(0, 0.0).items()
     }
+    asked = DataReader(participant, Topic(participant, f"rt{namespace}/tactile_cmd", Empty), qos=qos)
     for k in range(100_000):
-        for topic, message in messages(k, time.time()).items():
+        said = messages(k, time.time())
+        if not asked.take(10):  # this hand says nothing unasked
+            del said["omnihand"]
+        for topic, message in said.items():
             writers[topic].write(message)
         time.sleep(0.02)
 

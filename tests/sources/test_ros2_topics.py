@@ -39,7 +39,8 @@ MADE = {
     "booster_interface/msg/HandTouchData": (
         "int32 LEFT=0\nHandTouchParam touch_data\nint32 hand_index\nint32 hand_type"
     ),
-    "omnihand_node_msgs/msg/TactileSensor": "uint8[] thumb\nuint8[] palm\nint8 online",
+    "omnihand_2025_node_msgs/msg/TactileData": "uint8[] tactiles",
+    "omnihand_2025_node_msgs/msg/TactileSensor": "std_msgs/Header header\nTactileData[] tactile_datas",
     "sr_robot_msgs/msg/UBI0": "uint16[] distal",
     "sr_robot_msgs/msg/UBI0All": "Header header\nUBI0[] tactiles",
 }
@@ -55,7 +56,7 @@ TOPICS = {
     ),
     "json": ",path=data.thumb_matrix",
     "booster": ",path=touch_data.finger_one,pack=be16",
-    "omnihand": ",path=palm",
+    "omnihand": ",path=tactile_datas[1].tactiles,ask={namespace}/tactile_cmd",
     "shadow": ",path=tactiles[-1].distal",
 }  # fmt: skip
 """What a user writes after the name of the topic."""
@@ -92,7 +93,8 @@ def reader_of(via: str) -> SourceReader:
 
 @pytest.mark.parametrize("topic", TOPICS)
 def test_values_are_those_that_were_published(topic: str, published: str, msgs: Path) -> None:
-    reader = reader_of(f"{published}/{topic},msg={msgs}{TOPICS[topic]}")
+    options = TOPICS[topic].replace("{namespace}", published)
+    reader = reader_of(f"{published}/{topic},msg={msgs}{options}")
     try:
         state, seen = reader.pads["pad"], list[np.ndarray]()
         end = time.monotonic() + 10.0
@@ -181,7 +183,14 @@ def test_paths_and_definitions_that_cannot_be_meant_are_refused(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    "via", ["array:udp://0.0.0.0:1,path=data", "array:ros2:///x,pack=be32", "array:ros2://x"]
+    "via",
+    [
+        "array:udp://0.0.0.0:1,path=data",
+        "array:ros2:///x,pack=be32",
+        "array:ros2://x",
+        "array:ros2:///x,ask=cmd",
+        "array:feed,ask=/cmd",
+    ],
 )
 def test_options_that_do_not_fit_are_refused(via: str) -> None:
     with pytest.raises(DriverError, match=r"valid|are for"):

@@ -50,7 +50,7 @@ class Source(ABC):
     robot's patches, and before `find_pads` where devices differ."""
     joints: ClassVar[tuple[str, ...]] = ()
     """The device's own joints, if it measures them."""
-    writes: ClassVar[str] = "nothing"
+    writes: str = "nothing"
     """What is sent to the device, in words. Nothing else may be: no zeroing, no calibration."""
     device: str = ""
     """Name in the table of tactile devices, which knows rows and columns; empty if it is not there."""

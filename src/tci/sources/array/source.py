@@ -6,7 +6,7 @@ from the program itself.
 | `udp://0.0.0.0:9000` | listens; each datagram is one or more lines |
 | `tcp://HOST:PORT` | connects and reads lines |
 | `serial:///dev/ttyACM0` | reads lines; option `baud`, by default 115200 |
-| `ros2:///TOPIC` | a topic of ROS 2; options `path`, `type`, `msg` and `pack` (`sources.array.topic`) |
+| `ros2:///TOPIC` | a topic of ROS 2; options `path`, `type`, `msg`, `pack` and `ask` (`.topic`) |
 | `ros1:///TOPIC` | a topic of ROS 1; options `path`, `type` and `pack` |
 | `feed` | takes what the program gives to `driver.feed(patch, values)` |
 """
@@ -53,6 +53,7 @@ class ArraySource(Source):
         type: str = "",
         msg: str = "",
         pack: str = "",
+        ask: str = "",
     ) -> None:
         """
         Args:
@@ -64,6 +65,7 @@ class ArraySource(Source):
             type: Type of the message; empty for the one that its publisher says.
             msg: File or folder with the definition of the type, if no ROS package has it.
             pack: `be16` or `le16` if two bytes of the message are one value.
+            ask: Topic of ROS 2 on which the device is asked for each message.
 
         Raises DriverError for an address or option that can't be meant, MissingExtraError without the library
         for ROS.
@@ -84,10 +86,14 @@ class ArraySource(Source):
                 ros = ros2() if address.startswith(ROS2) else ros1()
             if msg and address.startswith(ROS1):
                 raise DriverError(f"array:{address}: msg is for ros2; in ROS 1 publishers send definitions")
-            self._topic = Topic(ros, address[len(ROS2) :], type_=type, path=path, msg=msg, pack=pack)
-        elif path or type or msg or pack:
+            if ask and (address.startswith(ROS1) or not ask.startswith("/")):
+                raise DriverError(f"array:{address},ask={ask}; valid: ask=/TOPIC, for ros2:///TOPIC")
+            self._topic = Topic(ros, address[len(ROS2) :], type_=type, path=path, msg=msg, pack=pack, ask=ask)
+            if ask:
+                self.writes = f"an empty message on {ask} for each one, at most 20 a second"
+        elif path or type or msg or pack or ask:
             raise DriverError(
-                f"array:{address}: path, type, msg and pack are for ros2:///TOPIC, ros1:///TOPIC"
+                f"array:{address}: path, type, msg, pack and ask are for ros2:///TOPIC, ros1:///TOPIC"
             )
         if not (self._place or self._device or self._topic or address == "feed") or port >= PORTS:
             raise DriverError(f"array:{address}; valid: {VALID}")

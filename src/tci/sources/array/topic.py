@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from tci.drivers.diagnosis import Finding, Level
 from tci.errors import DriverError, FrameError
+from tci.recording.rosmsg.cdr import MessageType
 from tci.recording.schemas import raw_of_cloud
-from tci.shared.ros_node import RosNode, list_topics
+from tci.shared.ros_node import Publish, RosNode, list_topics
 from tci.sources.array.path import SEVERAL, FieldPath
 
 DISCOVERY = 3.0
@@ -26,6 +27,11 @@ PLACES = ("x", "y", "z")
 DATA = FieldPath("data")
 """Where the numbers are in arrays of the package std_msgs."""
 NODE = "tci_array_source"
+EMPTY = MessageType("std_msgs/msg/Empty", (("uint8", "structure_needs_at_least_one_member"),), headed=False)
+"""As ROS 2 sends it."""
+OFTEN, AGAIN = 0.05, 0.5
+"""Shortest time [s] between two requests, and that after which one counts as lost: AgiBot's own programs ask
+its hands 1 to 20 times a second, to spare their bus."""
 PACKS = {"be16": np.dtype(">u2"), "le16": np.dtype("<u2")}
 """How two bytes of a field of bytes make one value."""
 
@@ -56,7 +62,7 @@ def ros1() -> Ros:
 class Topic:
     """One topic, from which one or more pads get their values."""
 
-    def __init__(self, ros: Ros, name: str, *, type_: str, path: str, msg: str, pack: str) -> None:
+    def __init__(self, ros: Ros, name: str, *, type_: str, path: str, msg: str, pack: str, ask: str) -> None:
         """
         Args:
             ros: Whose topic it is.
@@ -66,6 +72,8 @@ class Topic:
                 With strokes between them, one for each pad.
             msg: The user's definitions of message types: a file or a folder.
             pack: `be16` or `le16` if two bytes of the field are one value; empty if not.
+            ask: Topic of ROS 2 on which an empty message asks for the next one; empty if they come by
+                themselves.
 
         Raises DriverError for a path or pack that can't be meant.
         """
@@ -73,6 +81,8 @@ class Topic:
             raise DriverError(f"pack={pack}; valid: {', '.join(PACKS)}")
         self.name, self._ros, self._type, self._msg, self._pack = name, ros, type_, msg, PACKS.get(pack)
         self._paths = [FieldPath(one) for one in SEVERAL.split(path)] if path else []
+        self._ask, self._asked, self._waits = ask, -np.inf, False
+        self._request: Publish | None = None
         self._node: RosNode | None = None
         self._arrived: deque[tuple[str, NDArray[np.generic], float | None]] = deque()
         self._pads: Sequence[str] = ()
@@ -104,6 +114,7 @@ class Topic:
             )
         self._type = self._type or offered[0]
         node.watch(self.name, self._type, self._msg, self._take, keep=4)
+        self._request = node.advertise(self._ask, EMPTY) if self._ask else None
 
     def read(self, wait: float) -> list[tuple[str, NDArray[np.generic], float | None]]:
         """Pad, values and stamp [s] from messages that arrived within `wait` [s]; None for one without a
@@ -116,6 +127,7 @@ class Topic:
             raise ConnectionResetError("not open")
         end = time.monotonic() + wait
         while True:
+            self._ask_for_one()
             node.poll()
             if found := [self._arrived.popleft() for _ in range(len(self._arrived))]:
                 return found
@@ -144,8 +156,15 @@ class Topic:
             self._node.close()
             self._node = None
 
+    def _ask_for_one(self) -> None:
+        now = time.monotonic()
+        if self._request is not None and now - self._asked >= (AGAIN if self._waits else OFTEN):
+            self._asked, self._waits = now, True
+            self._request((0,))
+
     def _take(self, message: Mapping[str, Any]) -> None:
         """What one path does not find keeps no other pad from its values."""
+        self._waits = False
         stamp, fault = _stamp_of(message), None
         for number, pad in enumerate(self._pads):
             try:

@@ -81,7 +81,7 @@ class InspireSource(Source):
             with needs(f"the source 'inspire:{address}'", "unitree"):
                 from tci.sources.inspire.topics import InspireTopics
             self._topics = InspireTopics(interface, int(domain or 0), side)
-            self.writes = "nothing"  # type: ignore[misc] # of this way to the hand
+            self.writes = "nothing"
             return
         host, _, port = address.rpartition(":") if ":" in address else (address, "", str(PORT))
         if not host or not port.isdecimal():

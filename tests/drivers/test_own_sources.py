@@ -65,5 +65,7 @@ def test_they_are_told_written_and_refused_where_they_can_not_be(tmp_path: Path)
     assert tci.load_robot(again).bindings == robot.bindings
     with pytest.raises(DescriptionError, match=rf"line 3: .*valid: --via 'sim \+ {OWN}'"):
         tci.load_robot(owned(tmp_path / "sim", "sim", OWN))
+    typo = owned(tmp_path / "typo", "naoqi", "inspier:10.0.0.7")
+    assert "source inspier:10.0.0.7: not installed" in CliRunner().invoke(app, ["check", str(typo)]).stdout
     with pytest.raises(UnknownNameError, match=r"no source named 'inspier' .*'inspire'"):
-        tci.connect(owned(tmp_path / "typo", "naoqi", "inspier:10.0.0.7"), "naoqi://10.0.0.5")
+        tci.connect(typo, "naoqi://10.0.0.5")

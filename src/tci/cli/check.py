@@ -211,6 +211,7 @@ def remarks(robot: Robot) -> list[str]:
     """Returns a remark for each property of a description that is valid but restricts the robot's use. An
     example is a servo without limits, since the gate refuses to move such a servo.
     """
+    from tci.drivers.registry import source_names
     from tci.lab.commissioning.assumptions import powers, too_quick
     from tci.lab.experiments.verdict import limbs_missing
     from tci.robot.model_file import LEAST_MASS, assumed_masses
@@ -234,6 +235,9 @@ def remarks(robot: Robot) -> list[str]:
                     f"{part.name} {generic.name}: {servo.name} has no limit of {', '.join(missing)}, "
                     "so the gate refuses to move it; add the limit to the description"
                 )
+    for via in (via for binding in robot.bindings for via in binding.sources):
+        if via.partition(":")[0] not in source_names():
+            notes.append(f"source {via}: not installed; valid: {', '.join(source_names())}")
     if assumed := [patch.name for patch in robot.patches if patch.assumed]:
         notes.append(f"assumed skin, which nobody has seen on the robot: {', '.join(assumed)}")
     if robot.model is None:

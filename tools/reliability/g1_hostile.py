@@ -22,7 +22,7 @@ from tci.messages import CONTROL_MODES
 from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.shared.interface_node import InterfaceNode, Out
-from tci.shared.partial_gate import PartialGate
+from tci.gate.partial_gate import PartialGate
 from tci.wires.unitree import messages
 from tci.wires.unitree.driver import slots_of
 from tci.wires.unitree.handover import TAKE, Phase

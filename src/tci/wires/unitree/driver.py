@@ -28,6 +28,7 @@ from tci.drivers.driver import Driver
 from tci.drivers.info import DriverInfo
 from tci.drivers.remote.source_clock import SourceClock
 from tci.errors import DriverError, FrameError
+from tci.gate.partial_gate import PartialGate
 from tci.gate.safe_command import SafeCommand
 from tci.messages import JointReading, Reading
 from tci.messages.clock import MonotonicClock
@@ -35,7 +36,6 @@ from tci.messages.frames import read_only
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 from tci.shared.interface_node import MOST, InterfaceNode, latest
-from tci.shared.partial_gate import PartialGate
 from tci.wires.unitree import messages
 from tci.wires.unitree.address import parse_unitree
 from tci.wires.unitree.finger_motors import FingerMotors

@@ -20,13 +20,13 @@ from tci.drivers.remote.hosts import numeric
 from tci.drivers.remote.source_clock import SourceClock
 from tci.errors import DriverError
 from tci.gate.gate import SafeCommand
+from tci.gate.partial_gate import PartialGate
 from tci.messages import JointReading, Mode, Reading, SkinFrame
 from tci.messages.clock import MonotonicClock
 from tci.messages.frames import read_only
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot, wire_name
 from tci.robot.joint_map import initial_position
-from tci.shared.partial_gate import PartialGate
 from tci.wires.yarp import address as addresses
 from tci.wires.yarp.address import EVENTS, board_ports
 from tci.wires.yarp.board_driver import AHEAD, BoardDriver

@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, ClassVar
 
@@ -114,6 +115,13 @@ class InspireHand(TouchDevice):
 
     pads: ClassVar = {pad: size for pad, (_, size) in INSPIRE.items()}
     alone = True
+    breath = 0.0
+    """Time [s] that each answer takes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.angles: Callable[[], list[int]] = lambda: [1000, 900, 800, 700, 600, 500]
+        """Measured angles when they are asked for."""
 
     @property
     def via(self) -> str:
@@ -146,6 +154,7 @@ class InspireHand(TouchDevice):
             else:
                 body = request[6:12]
             self.late()
+            time.sleep(self.breath)
             if self.lose:
                 self.lose -= 1
             else:
@@ -161,7 +170,7 @@ class InspireHand(TouchDevice):
         memory = bytearray(6000)
         for pad, (address, size) in INSPIRE.items():
             struct.pack_into(f">{size}H", memory, address, *self.values[pad])
-        struct.pack_into(">6H", memory, 1546, 1000, 900, 800, 700, 600, 500)
+        struct.pack_into(">6H", memory, 1546, *self.angles())
         return bytes(memory)
 
 

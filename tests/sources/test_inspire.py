@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -129,10 +130,90 @@ def test_the_sender_for_a_robots_computer_sends_what_the_hand_says(hand: Inspire
         sender.wait()
 
 
-def test_pads_on_fingers_that_nobody_measures_are_told(hand: InspireHand) -> None:
+RANGES = {  # [rad], of Unitree's URDF; in the order of the registers
+    "little_1": 1.4381, "ring_1": 1.4381, "middle_1": 1.4381, "index_1": 1.4381, "thumb_2": 0.5864,
+    "thumb_1": 1.1641,
+}  # fmt: skip
+FOLLOW = {"index_2": ("index_1", 1.0843), "middle_2": ("middle_1", 1.0843), "ring_2": ("ring_1", 1.0843),
+          "little_2": ("little_1", 1.0843), "thumb_3": ("thumb_2", 0.8024),
+          "thumb_4": ("thumb_2", 0.76123688)}  # fmt: skip
+"""Joints of the URDF that follow others."""
+
+
+class Judge:
+    """MuJoCo's own kinematics of the model, with the fingers as a hand says."""
+
+    def __init__(self, driver: tci.Driver) -> None:
+        self.model = tci.World("g1-inspire").model
+        self.data = mujoco.MjData(self.model)
+        for servo, angle in zip(driver.robot.servos, driver.read().joints.position, strict=True):
+            self.data.joint(servo.joint).qpos = angle
+
+    def place(self, link: str, p_L: np.ndarray, counts: list[float]) -> np.ndarray:
+        """In the torso's frame [m]."""
+        pairs = zip(RANGES.items(), counts, strict=True)
+        bent = {name: most * (1000 - count) / 1000 for (name, most), count in pairs}
+        for name, angle in (bent | {one: by * bent[of] for one, (of, by) in FOLLOW.items()}).items():
+            self.data.joint(f"left_{name}_joint").qpos = angle
+        mujoco.mj_kinematics(self.model, self.data)
+        torso, body = self.data.body("torso_link"), self.data.body(link)
+        at = body.xpos + body.xmat.reshape(3, 3) @ p_L
+        return torso.xmat.reshape(3, 3).T @ (at - torso.xpos)
+
+
+def test_a_hands_own_angles_place_its_touches_and_its_fingers_are_not_moved(hand: InspireHand) -> None:
+    counts = [700, 100, 350, 200, 300, 450]
+    hand.angles = lambda: counts
     with tci.connect("g1-inspire", f"sim + {hand.via},side=left") as driver:
+        judge = Judge(driver)
+        for pad in ("index_top", "little_tip", "thumb_pad", "thumb_tip", "middle_pad"):
+            hand.values[pad][4] = 3000
+            p_L, p_T = pressed(driver, f"left_{pad}")
+            link = driver.robot.patch(f"left_{pad}").link
+            assert np.linalg.norm(p_T - judge.place(link, p_L, counts)) < 1e-5
+            assert np.linalg.norm(p_T - judge.place(link, p_L, [1000] * 6)) > 0.01, "not as if it were open"
+            hand.values[pad][4] = 0
+        told = [one.what for one in driver.diagnose() if one.subject.startswith("inspire")]
+        assert any("measures 6 finger joints, of which 6 place touches" in one for one in told)
+        assert not any("place assumed" in one for one in told)
+        order = driver.native("left_arm").command({"left_index_1_joint": 0.5})
+        sent = driver.write(driver.gate.step([order], driver.read().joints, driver.clock.now()))
+        (refusal,) = sent.refusals
+        assert re.search("left_index_1_joint can't be moved: inspire:.* is only read", refusal.text)
+
+
+def test_a_finger_that_moves_is_placed_where_it_was_when_it_felt(hand: InspireHand) -> None:
+    """One sweep of the hand takes a tenth of a second, and the finger moves by 0.1 rad in it."""
+    begin, hand.breath = time.monotonic() + 1.5, 0.005
+
+    def index(now: float) -> float:
+        return float(np.clip(1000.0 - 700.0 * (now - begin), 100.0, 1000.0))
+
+    hand.angles = lambda: [1000, 1000, 1000, round(index(time.monotonic())), 1000, 1000]
+    hand.values["index_top"][4] = 3000
+    off: list[float] = []
+    with tci.connect("g1-inspire", f"sim + {hand.via},side=left") as driver:
+        judge, perceiver = Judge(driver), tci.Perceiver(tci.GenericBody(driver.robot))
+        for now in driver.ticks(duration=3.0):
+            reading = driver.read()
+            frame = next(one for one in reading.skin if one.patch == "left_index_top")
+            found = [one for one in perceiver.step(reading, now).contacts if one.patch == frame.patch]
+            when = time.monotonic() - (driver.clock.now() - frame.stamp)
+            if found and index(when) > 200.0 and index(when - 0.3) < 1000.0:
+                angle = index(when)
+                there = judge.place(
+                    "left_index_force_sensor_2", found[0].p_L, [1000] * 3 + [angle] + [1000] * 2
+                )
+                off.append(float(np.linalg.norm(found[0].p_T - there)))
+    assert len(off) > 20
+    assert np.median(off) < 2e-3, "with the angles before the frame it would be 4.5 mm"
+    assert np.quantile(off, 0.9) < 5e-3
+
+
+def test_pads_on_fingers_that_nobody_measures_are_told() -> None:
+    with tci.connect("g1-inspire", "sim + array:feed,patch=left_index_top/left_palm") as driver:
         (told,) = (one.what for one in driver.diagnose() if "place assumed" in one.what)
-    assert "of 16 pads on fingers that nobody measures" in told, "all but the palm"
+    assert "of 1 pads on fingers that nobody measures" in told
     assert "left_palm" not in told
 
 

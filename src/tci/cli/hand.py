@@ -219,7 +219,7 @@ def _report(reader: SourceReader) -> dict[str, Any]:
             }
             for name, pad in reader.pads.items()
         },
-        "joints": dict(reader.angles),
+        "joints": dict(reader.track.latest),
         "findings": [finding.to_json() for finding in reader.diagnose()],
     }  # fmt: skip
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.drivers.angle_track import AngleTrack
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.remote.source_clock import SourceClock
 from tci.drivers.source import FingerAngles, Sample, Source
@@ -98,7 +99,8 @@ class SourceReader:
         self.name, self.source = name, source
         source.wants = tuple(pads)
         self.pads = {pad: PadState(channels) for pad, channels in pads.items()}
-        self.angles: Mapping[str, float] = {}
+        self.track = AngleTrack()
+        """Angles of the device's own joints."""
         self.rejected: Counter[str] = Counter()
         """Number of unusable messages, by the reason."""
         self.lost = 0
@@ -126,9 +128,11 @@ class SourceReader:
         self.source.close()
 
     def wait(self, seconds: float) -> None:
-        """Waits until every pad has sent a frame, at most `seconds`."""
+        """Waits until every pad has sent a frame, and the joints their angles, at most `seconds`."""
         end = time.monotonic() + seconds
-        while time.monotonic() < end and not all(pad.sequence for pad in self.pads.values()):
+        while time.monotonic() < end and not (
+            all(pad.sequence for pad in self.pads.values()) and (self.track.latest or not self.source.joints)
+        ):
             time.sleep(0.005)
 
     def silence(self, pad: str, now: float) -> float | None:
@@ -190,7 +194,7 @@ class SourceReader:
     def _take(self, one: Sample | FingerAngles) -> None:
         arrival = time.monotonic()
         if isinstance(one, FingerAngles):
-            self.angles = one.angles
+            self.track.take(one.angles, arrival)
             return
         state = self.pads.get(one.pad)
         if state is None:

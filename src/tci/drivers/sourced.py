@@ -7,6 +7,7 @@ import logging
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,9 +15,12 @@ from numpy.typing import ArrayLike
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver
 from tci.drivers.source import Source
+from tci.drivers.source_fingers import SourceFingers, joints_of
 from tci.drivers.source_reader import PadState, SourceReader
 from tci.drivers.wrapper import DriverWrapper
 from tci.errors import CommandError, DriverError, UnknownNameError
+from tci.gate.partial_gate import PartialGate
+from tci.gate.settings import GateSettings
 from tci.messages import Reading, SkinFrame
 from tci.robot.description import Patch, Robot
 from tci.robot.kinematics import KinematicChain
@@ -153,7 +157,9 @@ class SourcedDriver(DriverWrapper):
                 reader.close()
             raise
         self.readers = tuple(readers)
-        super().__init__(inner, sources={name: one.name for name, (one, _) in self._by_patch.items()})
+        self._fingers = [fingers for reader in readers if (fingers := self._fingers_of(inner, reader)).joints]
+        changed = {"sources": {name: one.name for name, (one, _) in self._by_patch.items()}}
+        super().__init__(inner, **changed, **self._only_read(inner))
         self._frames: dict[str, SkinFrame] = {}
         self._counts: dict[str, int] = {}
 
@@ -175,24 +181,67 @@ class SourcedDriver(DriverWrapper):
         if unused := self._unused[reader.name]:
             said = f"{len(unused)} pads have no patch in the description: {', '.join(unused[:6])}"
             yield Finding(Level.NOTE, reader.name, said, "describe them, or leave them out")
-        if reader.angles:
-            said = (
-                f"measures {len(reader.angles)} finger joints; touches are placed with the robot's own angles"
-            )
+        if angles := reader.track.latest:
+            used = sum(len(one.joints) for one in self._fingers if one.reader is reader)
+            said = f"measures {len(angles)} finger joints"
+            if used:
+                said += f", of which {used} place touches and can't be moved"
+            elif self._unmeasured(self.inner):
+                said += ", but neither the table of devices nor the description knows their angles"
+            else:
+                said += "; touches are placed with the robot's own angles"
             yield Finding(Level.NOTE, reader.name, said)
         if carried := self._on_fingers(reader):
             names = ", ".join(carried[:6])
             said = f"place assumed of {len(carried)} pads on fingers that nobody measures: {names}"
-            advice = "their touches are placed with the simulation's fingers; hold the hand as these are"
+            simulated = "the simulation's fingers; hold the hand as these are"
+            advice = f"their touches are placed with {simulated if self.info.harmless else 'open fingers'}"
             yield Finding(Level.NOTE, reader.name, said, advice)
 
+    @staticmethod
+    def _unmeasured(inner: Driver) -> set[int]:
+        """Servos of real fingers whose angles the driver does not measure: a simulation has none of them."""
+        if not inner.info.harmless:
+            return {*inner.info.unmeasured}
+        parts = [part for part in inner.robot.parts if part.kind == "fingers"]
+        return {one.servo for part in parts for one in part.servos if one.servo is not None}
+
+    def _fingers_of(self, inner: Driver, reader: SourceReader) -> SourceFingers:
+        """Those joints of a source that the robot's driver does not measure."""
+        via, pads = Address.of(reader.name), {}
+        for name, (one, pad) in self._by_patch.items():
+            if one is reader:
+                pads[name] = pad
+        source, open_to = reader.source, self._unmeasured(inner)
+        found = joints_of(inner.robot, via.name, via.side, source.device) if source.joints else {}
+        return SourceFingers(
+            inner.robot, reader, {servo: one for servo, one in found.items() if servo in open_to}, pads
+        )
+
+    def _only_read(self, inner: Driver) -> dict[str, Any]:
+        """What differs in the facts about the driver if sources measure fingers of a simulation: these are
+        those of a real hand, which nobody moves."""
+        why = {
+            servo: f"{one.reader.name} measures it, and is only read"
+            for one in self._fingers
+            for servo in one.joints
+        }
+        if not why or not inner.info.harmless:
+            return {}
+        gate = PartialGate(
+            inner.robot, why, period=inner.period, stale_after=inner.gate.stale_after,
+            streams=inner.info.streams, settings=GateSettings(), unwatched=why,
+        )  # fmt: skip
+        return {"gate": gate, "unreached": {**inner.info.unreached, **why}}
+
     def _on_fingers(self, reader: SourceReader) -> list[str]:
-        """Patches of a source on links that fingers move in a simulation, and that no real joint measures."""
+        """Patches of a source on links that fingers move, and that nobody measures."""
         robot = self.info.robot
-        if not self.info.harmless or robot.model is None:
+        measured = {servo for one in self._fingers for servo in one.joints}
+        fingers = self._unmeasured(self.inner) - measured
+        if not fingers or robot.model is None:
             return []
         kinematics = KinematicChain(robot)
-        fingers = {one.servo for part in robot.parts if part.kind == "fingers" for one in part.servos}
         return [
             name
             for name, (one, _) in self._by_patch.items()
@@ -207,7 +256,10 @@ class SourcedDriver(DriverWrapper):
             frame = self._frame(patch, reader.pads[pad], reader.silence(pad, here), now, here)
             if frame is not None:
                 frames.append(frame)
-        return Reading(reading.joints, tuple(frames))
+        joints = reading.joints
+        for fingers in self._fingers:
+            joints = fingers.fill(joints)
+        return Reading(joints, tuple(frames))
 
     def _frame(
         self, patch: str, state: PadState, silent: float | None, now: float, here: float

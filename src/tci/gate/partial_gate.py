@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from tci.gate.gate import Gate, SafeCommand
 from tci.gate.immovable import Immovable
-from tci.gate.settings import OVER_A_WIRE
+from tci.gate.settings import OVER_A_WIRE, GateSettings
 from tci.messages import Contacts, JointReading, PlatformOrder
 from tci.reasons import Code, Reason
 from tci.robot.description import Limits, Robot
@@ -26,10 +26,28 @@ class PartialGate(Gate):
         period: float,
         stale_after: float,
         streams: bool = False,
+        settings: GateSettings = OVER_A_WIRE,
+        unwatched: Collection[int] = (),
     ) -> None:
-        """Creates the gate, see `Gate`. `unreached` contains the index of each servo that the connection
-        can't move, with the reason."""
-        super().__init__(robot, period=period, stale_after=stale_after, settings=OVER_A_WIRE, streams=streams)
+        """Creates the gate, see `Gate`.
+
+        Args:
+            robot: The robot.
+            unreached: The index of each servo that the connection can't move, with the reason.
+            period: See `Gate`, as `stale_after`, `streams` and `settings`.
+            unwatched: Those of them whose angles come from elsewhere, a few times a second: a jump of one is
+                no fault of an encoder.
+        """
+        watched = tuple(
+            servo.model_copy(update={"limits": servo.limits.model_copy(update={"velocity": None})})
+            if servo.index in unwatched
+            else servo
+            for servo in robot.servos
+        )
+        super().__init__(
+            robot.model_copy(update={"servos": watched}) if unwatched else robot,
+            period=period, stale_after=stale_after, settings=settings, streams=streams,
+        )  # fmt: skip
         self._unreached = unreached
         servos = tuple(
             servo.model_copy(update={"limits": Limits()}) if servo.index in unreached else servo

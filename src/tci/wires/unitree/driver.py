@@ -128,12 +128,13 @@ class UnitreeDriver(Driver):
             for hand in self._hands:
                 hand.given_up = not hand.heard
             unreached = self._unreached()
-            gate = PartialGate(
-                robot, unreached, period=self.period, stale_after=self.gate.stale_after, streams=True
-            )
             unmeasured = frozenset(
                 servo for hand in self._hands if not hand.heard for servo in hand.servos.tolist()
             )
+            gate = PartialGate(
+                robot, unreached, period=self.period, stale_after=self.gate.stale_after, streams=True,
+                unwatched=unmeasured,
+            )  # fmt: skip
             self.info = replace(self.info, gate=gate, unreached=unreached, unmeasured=unmeasured)
             if arm:
                 self._arm()

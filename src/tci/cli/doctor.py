@@ -70,7 +70,7 @@ def _examine(
     from rich.progress import BarColumn, Progress, TextColumn
 
     from tci.drivers.combined_server import JOIN
-    from tci.drivers.registry import connect, load_driver, source_names
+    from tci.drivers.registry import connect, examine_sources, load_driver, source_names
     from tci.lab.commissioning.doctor import judge
     from tci.lab.commissioning.streams import observe
 
@@ -81,7 +81,7 @@ def _examine(
             if name not in source_names():
                 found += load_driver(name).probe(robot, address)
         if any(finding.level is Level.FAULT for finding in found):
-            return found, ()
+            return (*found, *examine_sources(robot, via)), ()
         driver = connect(robot, via, arm=False)
     except UnknownNameError as error:
         if error.kind in ("driver", "source"):
@@ -91,7 +91,9 @@ def _examine(
     except MissingExtraError as error:
         return (Finding(Level.FAULT, "connection", str(error)),), ()
     except TciError as error:
-        return (*found, Finding(Level.FAULT, "connection", str(error))), ()
+        found += examine_sources(robot, via)
+        told = any(finding.what == str(error) for finding in found)
+        return (found if told else (*found, Finding(Level.FAULT, "connection", str(error)))), ()
     columns = (TextColumn("reading {task.description}"), BarColumn())
     with driver, Progress(*columns, console=console, disable=quiet, transient=True) as progress:
         task = progress.add_task(f"{robot.name} for {duration:g} s", total=1.0)

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 
 from tci.drivers.combined import CombinedDriver
 from tci.drivers.combined_server import JOIN, CombinedServer
+from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver
 from tci.drivers.server import Server
 from tci.drivers.source import Source
-from tci.drivers.source_reader import said
-from tci.drivers.sourced import Address, SourcedDriver, patches_of
+from tci.drivers.source_reader import SourceReader, said
+from tci.drivers.sourced import FIRST, Address, SourcedDriver, patches_of
 from tci.errors import DriverError, TciError, UnknownNameError
 from tci.robot.description import Robot
 from tci.robot.like import RobotLike, as_robot
@@ -110,10 +111,8 @@ def connect(robot: RobotLike, via: str = "sim", *, arm: bool | None = None, **op
     first, *others = via.split(JOIN)
     if arm is not None:
         options["arm"] = arm
-    sources = [one for one in others if one.partition(":")[0] in source_names()]
-    others = [one for one in others if one not in sources]
-    if not sources:
-        sources = _own_sources(robot, first)
+    sources = _sources_of(robot, via)
+    others = [one for one in others if one.partition(":")[0] not in source_names()]
     if sources:
         made = [(via, source_at(via)) for via in sources]
         known = inspect.signature(load_driver(first.partition(":")[0])).parameters
@@ -150,10 +149,30 @@ def _join(robot: Robot, first: str, others: Sequence[str], options: Mapping[str,
         raise
 
 
-def _own_sources(robot: Robot, via: str) -> list[str]:
-    """The sources that the description names for the driver at `via`."""
-    name = via.partition(":")[0]
-    return [one for binding in robot.bindings if binding.middleware == name for one in binding.sources]
+def _sources_of(robot: Robot, via: str) -> list[str]:
+    """The sources in `via`; without one, those that the description names for its first driver."""
+    first, *others = via.split(JOIN)
+    name = first.partition(":")[0]
+    return [one for one in others if one.partition(":")[0] in source_names()] or [
+        one for binding in robot.bindings if binding.middleware == name for one in binding.sources
+    ]
+
+
+def examine_sources(robot: Robot, via: str) -> tuple[Finding, ...]:
+    """What can be said of each source in `via` alone, for a connection that can't be opened as a whole."""
+    found: list[Finding] = []
+    for one in _sources_of(robot, via):
+        try:
+            source = source_at(one)
+            pads = patches_of(robot, Address.of(one), source)
+            reader = SourceReader(one, source, {pad: patch.channels for pad, patch in pads.items()})
+        except TciError as error:
+            found.append(Finding(Level.FAULT, one, str(error)))
+            continue
+        reader.wait(FIRST)
+        found += reader.diagnose()
+        reader.close()
+    return tuple(found)
 
 
 def _open_half(robot: Robot, via: str, *, without: str, **options: Any) -> Driver:

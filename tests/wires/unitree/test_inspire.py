@@ -16,12 +16,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import tci
 from helpers import HELPERS
 from helpers.dds_domains import DOMAINS
 from helpers.puppets import Puppet
 from helpers.served import Served
+from helpers.touch_devices import InspireHand
+from tci.cli.main import app
 from tci.drivers.driver import Driver
 from tci.errors import DriverError
 from tci.gate.safe_command import GateState
@@ -213,3 +216,50 @@ def test_a_served_g1_tells_and_takes_what_the_bridge_does() -> None:
         client.close()
         said = "".join(served.stop())
     assert "Traceback" not in said
+
+
+def test_hands_that_sources_read_need_no_bridge_and_the_doctor_examines_every_part() -> None:
+    """Beside the robot's own driver, over the hands' own sockets: angles and pads arrive, arms are moved, and
+    fingers are not."""
+    domain, hands = next(DOMAINS), {letter: InspireHand() for letter in ANGLES}
+    via = f"unitree:lo/{domain}"
+    for letter, hand in hands.items():
+        hand.angles = lambda letter=letter: ANGLES[letter]  # type: ignore[misc]
+        hand.number()
+        hand.plug()
+        via += f" + {hand.via},side={SIDES[letter]}"
+    try:
+        with Puppet(domain) as puppet:
+            puppet.obeys = True
+            with tci.connect(tci.load_robot("g1-inspire").with_stale_after(0.3), via, arm=True) as driver:
+                for letter, hand in hands.items():
+                    until(lambda letter=letter: np.allclose(angles(driver, letter), rad(ANGLES[letter])))  # type: ignore[misc]
+                    felt = {frame.patch: frame.values.tolist() for frame in driver.read().skin}
+                    assert {pad: felt[f"{SIDES[letter]}_{pad}"] for pad in PADS} == hand.values
+                arm, name = driver.native("left_arm"), "left_shoulder_roll_joint"
+                before = arm.positions(driver.read().joints)[name]
+                order = arm.command({"left_index_1_joint": 0.1})
+                (refusal,) = driver.gate.step([order], driver.read().joints, driver.clock.now()).refusals
+                assert refusal.text.startswith("left_index_1_joint can't be moved: no state of the left hand")
+                drive(driver, 1.2, shoulder_roll=before + 0.2)
+                assert arm.positions(driver.read().joints)[name] - before == pytest.approx(0.2, abs=0.02)
+            report = doctor(via)
+            assert report["healthy"]
+            said = {one["subject"]: one["what"] for one in report["findings"]}
+            assert "29 motors" in said["variant"]
+            assert "can't be moved" in said["left hand"]
+            hands["r"].unplug()
+            report = doctor(via)
+            assert not report["healthy"]
+            found = [(one["subject"], one["what"]) for one in report["findings"]]
+            assert any(subject == "states" for subject, _ in found), "the robot's own driver"
+            assert any("17 of 17 pads send" in what for _, what in found), "the hand that is there"
+            assert any(hands["r"].via in what and "side=right" in what for _, what in found)
+    finally:
+        for hand in hands.values():
+            hand.unplug()
+
+
+def doctor(via: str) -> Any:
+    said = CliRunner().invoke(app, ["doctor", "g1-inspire", "--via", via, "--duration", "0.5", "--json"])
+    return json.loads(said.stdout)

@@ -150,7 +150,8 @@ class UnitreeDriver(Driver):
             return (Finding(Level.FAULT, "network", str(error), "see docs/unitree.md"),)
         steps = [Finding(Level.OK, "network", f"{where.interface} is there and private")]
         try:
-            cls(robot, address).close()
+            # hands have their own findings: a source beside this driver may read them
+            cls(robot, address, felt=[patch.name for patch in robot.patches]).close()
         except DriverError as error:
             advice = "switch the robot on, plug its cable in, and give this end an address of its network"
             return (*steps, Finding(Level.FAULT, "states", str(error), advice))

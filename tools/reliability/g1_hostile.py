@@ -18,11 +18,11 @@ from pool import Job, Result, gather
 from row import Row
 
 from helpers.hostile_commands import SAG, WIGGLE, Attack
+from tci.gate.partial_gate import PartialGate
 from tci.messages import CONTROL_MODES
 from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.shared.interface_node import InterfaceNode, Out
-from tci.gate.partial_gate import PartialGate
 from tci.wires.unitree import messages
 from tci.wires.unitree.driver import slots_of
 from tci.wires.unitree.handover import TAKE, Phase

@@ -7,13 +7,16 @@ import re
 import signal
 import subprocess
 import sys
+import time
 import urllib.request
 from pathlib import Path
 
+import pytest
 from matplotlib.image import imread
 
 from helpers.command_line import tci
 from helpers.recorded import record_poke
+from helpers.touch_devices import InspireHand
 
 
 def opened(*words: str) -> tuple[subprocess.Popen[str], str, str]:
@@ -84,6 +87,20 @@ def test_a_recording_is_shown_without_naming_its_robot(tmp_path: Path) -> None:
     record_poke(tmp_path / "poke.mcap", duration=0.2)
     run, _, _ = opened("view", "--via", f"replay:{tmp_path / 'poke.mcap'}", "--port", "0", "--headless")
     assert "Traceback" not in ended(run)
+
+
+def test_a_hand_alone_is_in_the_browser(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("BROWSER", "true")
+    hand = InspireHand()
+    hand.plug()
+    try:
+        time.sleep(0.1)
+        run, address, _ = opened("hand", hand.via, "--view", "--port", "0")
+        with urllib.request.urlopen(address, timeout=30) as answer:
+            assert b"<html" in answer.read().lower()
+        assert "Traceback" not in ended(run)
+    finally:
+        hand.unplug()
 
 
 def test_a_duration_ends_it() -> None:

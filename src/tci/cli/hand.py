@@ -48,6 +48,7 @@ def hand(
     view: Annotated[
         bool, typer.Option("--view", help="Show the pads in the browser; needs the extra viewer.")
     ] = False,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of --view; 0 chooses a free one.")] = 8080,
     as_json: AsJson = False,
 ) -> None:
     """Show the pressure on the pads of a tactile hand, live. Nothing moves, and no robot is needed. A shade
@@ -83,7 +84,7 @@ def hand(
             _describe(reader, describe)
             return
         if view:
-            _view(reader)
+            _view(reader, port)
             return
         if as_json:
             time.sleep(max(0.0, min(end - time.monotonic(), 1e6)))
@@ -155,7 +156,7 @@ def _describe(reader: SourceReader, folder: Path) -> None:
         console.print(f"  tci {command} {via}", highlight=False, markup=False, soft_wrap=True)
 
 
-def _view(reader: SourceReader) -> None:
+def _view(reader: SourceReader, port: int) -> None:
     """The viewer reads the hand itself, so this reader is closed first."""
     from tempfile import TemporaryDirectory
 
@@ -167,7 +168,7 @@ def _view(reader: SourceReader) -> None:
     with TemporaryDirectory() as folder:
         path = write_hand(reader, Path(folder) / "hand", shapes=_shapes(reader))
         reader.close()
-        view([str(path)], [f"sim + {reader.name}"])
+        view([str(path)], [f"sim + {reader.name}"], port=port)
 
 
 def _examine(reader: SourceReader, *, as_json: bool) -> None:

@@ -48,6 +48,9 @@ PRESSURE = (3e3, 1e7)
 and 10 MPa destroys a skin. A count of a sensor with more than two values must be less than a light touch."""
 FASTEST = 1000.0
 """Largest plausible frame rate [Hz] of a skin. Published arrays have at most 1 kHz."""
+UNEQUAL = 2.0
+"""Largest ratio between the torque or speed limits of a left joint and of the corresponding right one.
+Assumed: both sides have motors of one kind."""
 HEAVIEST = 1000.0
 """Largest plausible mass [kg] of a link. Assumed: three times that of the heaviest humanoids as a whole."""
 BURIED, SLEEVED = 0.012, 0.005
@@ -83,6 +86,7 @@ def doubts(robot: Robot) -> list[str]:
     found += _distances(robot, chain, without=blamed)
     found += sleeve_ends(robot, without=blamed)
     found += _torques(robot)
+    found += _unequal_motors(robot)
     return found
 
 
@@ -172,6 +176,23 @@ def mirrored_limits(robot: Robot) -> Iterator[str]:
                     f"{servos[0].name} and {servos[1].name}: generic limits of {words[0]} and of {words[1]} "
                     "degrees; valid: equal on both sides"
                 )
+
+
+def _unequal_motors(robot: Robot) -> Iterator[str]:
+    """Yields a sentence for each generic joint whose motor on one side has a far larger limit than on the
+    other."""
+    for left, right in pairs(robot):
+        for pair in joint_pairs(left, right):
+            motors = [robot.servos[joint.servo] for joint in pair if joint.servo is not None]
+            for what, unit, ends in (
+                ("torque", "N m", [one.limits.torque or 0.0 for one in motors]),
+                ("speed", "degrees/s", [float(np.rad2deg(one.limits.velocity or 0.0)) for one in motors]),
+            ):
+                if len(ends) == 2 and 0.0 < UNEQUAL * min(ends) < max(ends):
+                    yield (
+                        f"{motors[0].name} and {motors[1].name}: {what} limits of {ends[0]:.3g} and "
+                        f"{ends[1]:.3g} {unit}; valid: equal on both sides"
+                    )
 
 
 def _torso(robot: Robot, chain: KinematicChain) -> str | None:

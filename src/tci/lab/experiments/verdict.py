@@ -3,7 +3,7 @@ check --simulate` and `tci skin check` share."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,9 +11,12 @@ import numpy as np
 from tci.body.posture import to_platform
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DescriptionError, TciError
+from tci.gate.safe_command import SafeCommand
+from tci.lab.commissioning.both_sides import joint_pairs, pairs
 from tci.lab.experiments.checker import command_violations, physics_violations
 from tci.messages import GenericCommand, Mode, PlatformCommand
 from tci.messages.frames import Array, angle_between, apply
+from tci.reasons import Code
 from tci.robot.description import GenericPart, Robot
 from tci.robot.generic_arm import JOINTS, forearm_rotation, side_sign, upper_arm_rotation
 from tci.robot.gravity import Gravity
@@ -43,6 +46,8 @@ LIMBS = ("arm", "fingers")
 TARGETS, PACE = 8, 0.4
 """Number of random targets far outside the limits, and time [s] for each target. Assumed: an arm at full
 speed reaches a limit within this time."""
+LATELY = 25
+"""Periods (50 ms in simulation) in which a motor that gave all its torque explains what the gate notices."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,7 +229,7 @@ def limit_faults(robot: Robot) -> list[str]:
     """
     driver = SimulatedDriver(robot, world=World(robot, skin=False))
     generator = np.random.default_rng(4)
-    sent, positions, velocities = [], [], []
+    sent, positions, velocities, torques = [], [], [], []
     change = -1
     arms = [part for part in robot.parts if part.kind == "arm"]
     moved = arms or [part for part in robot.parts if part.kind == "fingers"]
@@ -241,8 +246,37 @@ def limit_faults(robot: Robot) -> list[str]:
         sent.append(control.act(orders))
         positions.append(joints.position)
         velocities.append(joints.velocity)
+        torques.append(joints.torque if joints.torque is not None else np.zeros_like(joints.position))
     faults = command_violations(robot, sent, positions, driver.period)
     faults += physics_violations(robot, np.array(positions), np.array(velocities))
-    faults += dict.fromkeys(str(refusal) for safe in sent for refusal in safe.refusals)
+    weak = list(dict.fromkeys(_too_weak(robot, sent, np.abs(torques))))
+    refusals = [refusal for safe in sent for refusal in safe.refusals]
+    if weak:  # the gate took what such a motor left undone for somebody
+        refusals = [one for one in refusals if one.code is not Code.CONTACT]
+    faults += weak
+    faults += dict.fromkeys(map(str, refusals))
     faults += dict.fromkeys(f"{safe.state.value}: {safe.reason}" for safe in sent if safe.reason)
     return faults
+
+
+def _too_weak(robot: Robot, sent: Sequence[SafeCommand], torques: Array) -> Iterator[str]:
+    """One sentence for each motor that gave all of its torque when the gate, in an empty world, took what it
+    left undone for somebody. `torques` (n, servos) [N m] are those measured before each of `sent`."""
+    limits = np.array([one.limits.torque or np.inf for one in robot.servos])
+    twins = {
+        servo: other
+        for left, right in pairs(robot)
+        for one, two in joint_pairs(left, right)
+        if one.servo is not None and two.servo is not None
+        for servo, other in ((one.servo, two.servo), (two.servo, one.servo))
+    }
+    for k, safe in enumerate(sent):
+        if not any(reason.code is Code.CONTACT for reason in safe.clamped):
+            continue
+        spent = torques[max(k - LATELY, 0) : k + 1].max(axis=0) >= 0.99 * limits
+        for servo in map(int, np.flatnonzero(spent)):
+            name, torque, twin = robot.servos[servo].name, limits[servo], twins.get(servo)
+            valid = "more torque, or links whose masses and inertias are in kg and kg m2"
+            if twin is not None and limits[twin] > torque:
+                valid = f"{limits[twin]:.3g} N m, as {robot.servos[twin].name} has"
+            yield f"{name}: its torque of {torque:.3g} N m is too little for what it moves; valid: {valid}"

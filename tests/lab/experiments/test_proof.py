@@ -118,6 +118,8 @@ def test_a_motion_before_the_touch_is_found_out() -> None:
         faults.append(trial_faults(robot, trial))
     assert not faults[0]
     assert any("first motion after -" in fault for fault in faults[1])
+    why = "left_arm was touched and does not move: its motion would drag left_forearm along"
+    assert why in trial_faults(robot, replace(trial, responded=False, notes=(why,)))[0]
 
 
 def test_a_late_first_motion_names_what_took_the_time() -> None:

@@ -212,7 +212,9 @@ def trial_faults(robot: Robot, trial: Trial) -> list[str]:
     farther = min(FARTHER, 0.5 * trial.depth_mm)
     late = f"first motion after {trial.first_motion_ms} ms; valid: above 0, at most {slowest:g}"
     checks = {
-        "the reflex did not move the skin away, or moved another part too": trial.responded,
+        "; ".join(
+            ["the reflex did not move the skin away, or moved another part too", *trial.notes]
+        ): trial.responded,
         f"{late}{_why(trial, rate)}": (0.0 < (trial.first_motion_ms or never) <= slowest),
         f"contact lost after {trial.contact_lost_ms} ms; valid: at most 1000": (
             (trial.contact_lost_ms or never) <= 1000.0

@@ -23,6 +23,7 @@ from helpers.touch_devices import INSPIRE, InspireHand, free_port
 from tci.capabilities import Capability, Need
 from tci.cli.main import app
 from tci.drivers.registry import source_at
+from tci.drivers.source_reader import SourceReader
 from tci.errors import DriverError
 from tci.messages import Order, Perception
 from tci.reasons import Code
@@ -67,6 +68,28 @@ def test_another_authors_client_reads_the_same_flat_values(hand: InspireHand) ->
         ours = {frame.patch: frame.values.tolist() for frame in driver.read().skin}
     assert {pad: ours[f"left_{pad}"] for pad in INSPIRE} == theirs
     assert sum(map(len, theirs.values())) == 1062
+
+
+def test_a_server_of_another_author_is_read_whole() -> None:
+    port = free_port()
+    command = [peer_python("inspire"), str(HELPERS / "inspire_modbus.py"), str(port)]
+    server = subprocess.Popen([*command, json.dumps([*INSPIRE.values()])])
+    try:
+        via, end = f"inspire:127.0.0.1:{port}", time.monotonic() + 20.0
+        while True:
+            try:
+                reader = SourceReader(via, source_at(via), {pad: size for pad, (_, size) in INSPIRE.items()})
+                break
+            except DriverError:
+                assert time.monotonic() < end, "it does not start"
+                time.sleep(0.1)
+        reader.wait(10.0)
+        flat = [value for pad in INSPIRE for value in reader.pads[pad].values.tolist()]
+        reader.close()
+        assert flat == [7 * k % 4096 for k in range(1062)]
+    finally:
+        server.kill()
+        server.wait()
 
 
 def pressed(driver: tci.Driver, patch: str) -> np.ndarray:

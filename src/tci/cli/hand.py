@@ -152,8 +152,11 @@ def _describe(reader: SourceReader, folder: Path) -> None:
     path = write_hand(reader, folder, shapes=_shapes(reader))
     via = f'--via "sim + {reader.name}"'
     console.print(f"wrote {path}, which stands for a robot:", highlight=False, markup=False)
-    for command in (f"view {path}", f"record touch.mcap {path}", f"doctor {path}"):
-        console.print(f"  tci {command} {via}", highlight=False, markup=False, soft_wrap=True)
+    pad = next(iter(reader.pads))
+    live = (f"view {path}", f"record touch.mcap {path}", f"skin calibrate {path} --patch {pad}")
+    kept = (f"plot touch.mcap {path}", f"log export touch.mcap touch {path}")
+    for command in (*(f"{one} {via}" for one in live), *kept):
+        console.print(f"  tci {command}", highlight=False, markup=False, soft_wrap=True)
 
 
 def _view(reader: SourceReader, port: int) -> None:

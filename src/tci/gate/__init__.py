@@ -18,5 +18,6 @@ if TYPE_CHECKING:
     from tci.gate.safe_command import SafeCommand as SafeCommand
     from tci.gate.settings import GateCounts as GateCounts
     from tci.gate.settings import GateSettings as GateSettings
+    from tci.robot.clearance import Fixture as Fixture
 else:
     __all__, __getattr__, __dir__ = lazy_names(__name__)

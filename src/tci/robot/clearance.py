@@ -10,17 +10,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import CommandError
-from tci.messages.frames import Array, read_only
-from tci.robot.collisions import exclude_overlaps, solid_spec, thick_pads
+from tci.messages.frames import Array, apply, invert, read_only, transform
+from tci.robot.collisions import LEFT, RIGHT, exclude_overlaps, solid_spec, thick_pads
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 from tci.robot.kinematics import joints_of
+from tci.robot.model_file import compiled
 from tci.support.engine import mujoco
+
+TOUCHING = 1e-6
+"""Distance [m] below which the direction between two links is only a rounding error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,19 +40,43 @@ class Gap:
     """Name of the other link; empty if no pair is within the search distance."""
 
 
+@dataclass(frozen=True, slots=True)
+class Fixture:
+    """A thing that stands still, such as a table: a box along the axes of the model's root."""
+
+    name: str
+    centre: tuple[float, float, float]
+    """[m], in the frame of the model's root."""
+    size: tuple[float, float, float]
+    """Whole lengths [m] along x, y and z."""
+
+
+class Near(NamedTuple):
+    """Two links, or a link and a fixture, that nearly touch."""
+
+    first: str
+    second: str
+    distance: float
+    """[m]."""
+    p_T: Array
+    """Point (3,) [m] in the middle between them, in the torso frame."""
+    way_T: Array
+    """Unit vector (3,) from the first to the second; 0 if they just touch."""
+
+
 class Clearance:
     """Distances between the links of one robot. Each thread needs its own object, because methods reuse
     memory."""
 
-    def __init__(self, robot: Robot) -> None:
-        """Reads the robot's model. Raises DescriptionError if the robot has no model, or if a joint is
-        missing in the model.
+    def __init__(self, robot: Robot, fixtures: tuple[Fixture, ...] = ()) -> None:
+        """Reads the robot's model, with `fixtures` beside its arms. Raises DescriptionError if the robot has
+        no model, or if a joint is missing in the model.
 
         Links that overlap in the initial posture are assumed to overlap by construction. Such pairs of links
         are never checked for collision.
         """
         robot = without_skin(robot)
-        self._model = _solid_model(robot)
+        self._model, self._robot = _solid_model(robot, fixtures), robot
         self._data = mujoco.MjData(self._model)
         self._count = len(robot.servos)
         self._servos, self._addresses, columns = joints_of(robot, self._model)
@@ -106,6 +135,23 @@ class Clearance:
         first, second = (self._model.body(self._model.geom_bodyid[geom]) for geom in self._pairs[pair])
         return str(first.name), str(second.name)
 
+    def near(self, position: Array, *, within: float) -> list[Near]:
+        """The pairs that are nearer than `within` [m] at `position` (n_servos,) [rad]. Raises CommandError if
+        `position` has another shape."""
+        model, segment, found = self._robot.model, np.empty(6), list[Near]()
+        for pair in np.flatnonzero(self._pose(position) < within).tolist():
+            one, other = self._pairs[pair].tolist()
+            distance = mujoco.mj_geomDistance(self._model, self._data, one, other, within, segment)
+            if distance < within and model is not None:
+                link = self._data.body(model.torso_link)
+                T_WL = transform(link.xmat.reshape(3, 3), link.xpos)
+                T_TW = invert(T_WL @ model.T_LT)
+                middle = apply(T_TW, 0.5 * (segment[:3] + segment[3:]))
+                way = T_TW[:3, :3] @ (segment[3:] - segment[:3])
+                way = way / distance if abs(distance) > TOUCHING else np.zeros(3)
+                found.append(Near(*self.names(pair), float(distance), middle, way))
+        return found
+
     def _pose(self, position: Array) -> Array:
         """Moves the model to the servo angles `position` (n_servos,) [rad]. Returns a lower bound (m,) [m] on
         the distance of each of the m pairs of geoms, computed from bounding spheres."""
@@ -130,10 +176,18 @@ def without_skin(robot: Robot) -> Robot:
 
 
 @lru_cache(maxsize=8)
-def _solid_model(robot: Robot) -> mujoco.MjModel:
+def _solid_model(robot: Robot, fixtures: tuple[Fixture, ...]) -> mujoco.MjModel:
     """Returns the robot's model with its collision geometry. Callers must not change the model: it is cached
     and shared, because reading the meshes of an iCub takes a second."""
-    return exclude_overlaps(solid_spec(robot, mimics=False), robot, initial_position(robot))
+    spec = solid_spec(robot, mimics=False)
+    model = exclude_overlaps(spec, robot, initial_position(robot))
+    if not fixtures or robot.model is None:
+        return model
+    for one in fixtures:
+        half = [0.5 * length for length in one.size]
+        body = spec.worldbody.add_body(name=f"fixture {one.name}", pos=one.centre)
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=half, contype=0, conaffinity=LEFT | RIGHT)
+    return compiled(spec, robot.model)
 
 
 def _pairs(model: mujoco.MjModel) -> NDArray[np.intp]:
@@ -155,7 +209,7 @@ def _levers(robot: Robot) -> Array:
     """Returns for each servo (n_servos,) an upper bound [m/rad] on the change of the distance between any two
     links, per radian by which the servo turns. The result is cached, because each gate needs it and computing
     it for an iCub takes 10 ms."""
-    model = _solid_model(robot)
+    model = _solid_model(robot, ())
     servos, _, columns = joints_of(robot, model)
     solid = set(_pairs(model).ravel().tolist())
     levers = np.zeros(len(robot.servos))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from tci.messages import Contacts
 from tci.messages.frames import Array
@@ -17,6 +18,17 @@ that moves to the next patch, or parts in two, is a new one. A second person, wh
 other side."""
 
 
+class FeltContact(NamedTuple):
+    """One contact, in the torso frame."""
+
+    force: float
+    """[N]."""
+    normal: Array
+    """Outward (3,)."""
+    point: Array
+    """Its centre (3,) [m]."""
+
+
 @dataclass(frozen=True, slots=True)
 class Felt:
     """What the skin of one group feels."""
@@ -25,22 +37,24 @@ class Felt:
     """Largest force [N]."""
     made: float = 0.0
     """Largest force [N] of contacts that the group's own motion made or raised."""
-    contacts: Mapping[int, tuple[float, Array]] = field(default_factory=dict)
-    """Force [N] and normal (3,) in the torso frame of each contact, by its identity."""
+    contacts: Mapping[int, FeltContact] = field(default_factory=dict)
+    """By their identities."""
     own: frozenset[int] = frozenset()
     """Those that the group's own motion made or raised."""
 
     def of(self, identities: Collection[int]) -> dict[int, Array]:
         """Normals of these contacts, or of all if there are none of these."""
-        return {one: way for one, (_, way) in self.contacts.items() if not identities or one in identities}
+        return {
+            one: felt.normal for one, felt in self.contacts.items() if not identities or one in identities
+        }
 
     def other_than(self, first: Mapping[int, Array]) -> tuple[float, float]:
         """Largest force [N] of the contacts in `first` (with their normals) and of those like them, and of
         all others."""
         forces = [0.0], [0.0]
-        for identity, (force, normal) in self.contacts.items():
-            alike = identity in first or any(float(normal @ way) > ALIKE for way in first.values())
-            forces[not alike].append(force)
+        for identity, felt in self.contacts.items():
+            alike = identity in first or any(float(felt.normal @ way) > ALIKE for way in first.values())
+            forces[not alike].append(felt.force)
         return max(forces[0]), max(forces[1])
 
 
@@ -67,14 +81,21 @@ class FeltForces:
         known, found = self._known, dict[int, Felt]()
         self._known = {}
         parts = [contacts.sites[site].part for site in contacts.site.tolist()]
-        rows = zip(parts, contacts.identity.tolist(), contacts.force.tolist(), contacts.n_T, strict=True)
-        for part, identity, force, normal in rows:
+        rows = zip(
+            parts,
+            contacts.identity.tolist(),
+            contacts.force.tolist(),
+            contacts.n_T,
+            contacts.p_T,
+            strict=True,
+        )
+        for part, identity, force, normal, point in rows:
             groups = self._parts.get(part, ())
             now = self._known[identity] = self._look_at(known.get(identity), force, groups)
             for group in groups:
                 before, own = found.get(group, Felt()), group in now.made_by
                 made = force if own else 0.0
-                all_of_it = {**before.contacts, identity: (force, normal)}
+                all_of_it = {**before.contacts, identity: FeltContact(force, normal, point)}
                 mine = before.own | {identity} if own else before.own
                 found[group] = Felt(max(before.force, force), max(before.made, made), all_of_it, mine)
         return found

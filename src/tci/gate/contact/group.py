@@ -46,6 +46,8 @@ class Group:
     """Torques (n_servos,) [N m] before the contact."""
     push: Array = field(default_factory=lambda: np.zeros(0))
     """Where its joints pushed whom they met (k,), see `Seen.push`."""
+    thing: str | None = None
+    """What it met, in words, if nobody is to be freed there."""
     first: First | None = None
     """Whom it met; None without a reaction."""
     goal: Array | None = None

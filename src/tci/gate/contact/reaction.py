@@ -25,6 +25,7 @@ from tci.gate.contact.others import First
 from tci.gate.contact.path import STEP
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.contact.softness import LIGHT
+from tci.gate.contact.things import Things
 from tci.gate.contact.weights import Sag, bends
 from tci.gate.joint_monitor import Reference
 from tci.messages import Answer, Contacts, JointReading, Met
@@ -90,6 +91,7 @@ class ContactReaction:
         self._following = Following(
             len(robot.servos), held=settings.held, lag=settings.lag, known=settings.stands
         )
+        self._things = Things(robot, settings.fixtures)
         self._bearing = Bearing(robot, known=settings.stands)
         self.load({})
         self._stamp = self._now = -np.inf
@@ -264,15 +266,24 @@ class ContactReaction:
             )  # fmt: skip
             return goal, None
         group.sag, group.before, group.push = Sag(), self._bearing.before, seen.push
-        if group.answer == "retreat" or group.slow:
-            goal = self._back(group, seen, before, pulled=pulled)
-        elif group.answer == "soft":
+        group.thing = None if group.slow else self._thing(group, seen)
+        if group.answer == "stop" and not group.slow:
+            goal = self._references(group, seen)
+        elif group.thing or group.answer == "soft":
             goal = seen.here
         else:
-            goal = self._references(group, seen)
+            goal = self._back(group, seen, before, pulled=pulled)
         group.first = First(seen.felt.of(seen.felt.own), seen, self._now)
         self._begin(group, goal)
-        return goal, Reason(Code.CONTACT, f"{group.name} met something: {what}; it {DOES[group.answer]}")
+        does = DOES["stop" if group.thing else group.answer]
+        return goal, Reason(Code.CONTACT, f"{group.name} met {group.thing or 'something'}: {what}; it {does}")
+
+    def _thing(self, group: Group, seen: Seen) -> str | None:
+        """What the group met if nobody is to be freed there, in words."""
+        reference = seen.joints.position.copy()
+        reference[seen.reference.servos] = seen.reference.position
+        felt = [one for one in seen.felt.contacts.values() if one.force > LIGHT]
+        return self._things.met(group.servos, seen.joints.position, reference, felt)
 
     def _references(self, group: Group, seen: Seen) -> Array:
         return group.references(seen.reference, seen.joints.position)
@@ -298,7 +309,7 @@ class ContactReaction:
             return
         answer: Answer = "told"
         if group.goal is not None:
-            answer = group.answer
+            answer = "stop" if group.thing else group.answer
         elif group.softness.soft:
             answer = "soft"
         elif self._now < group.until and seen.felt.force <= group.expected:
@@ -347,6 +358,8 @@ class ContactReaction:
             group.free = None
             if group.answer == "stop" and not group.slow:
                 return None
+            if group.thing and self._thing(group, seen):
+                return None if np.abs(here - group.goal).max() < STEP else group.goes(here)
             if group.answer == "retreat" or group.slow:
                 if bent and not held and group.first.bends_more(seen, settings.held):
                     return self._leave(group, seen)

@@ -8,6 +8,8 @@ from typing import Literal
 
 import numpy as np
 
+from tci.robot.clearance import Fixture
+
 
 @dataclass(frozen=True, slots=True)
 class ContactSettings:
@@ -32,3 +34,6 @@ class ContactSettings:
     answers: Mapping[str, Literal["retreat", "soft", "stop"]] = field(default_factory=dict)
     """What a generic part does that made a contact, by its name: go back (which is the default), give way
     where it is, or stay stiff where its reference stopped."""
+    fixtures: tuple[Fixture, ...] = ()
+    """Tables and other things beside the robot: an arm that meets one stops there, since nobody is to be
+    freed. What stands where nothing is declared may be somebody."""

@@ -1,0 +1,112 @@
+"""An arm that meets a table or the robot itself stops; whoever may be between them is freed."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from helpers.gate_checks import position_command, reading
+from helpers.rigid_robot import Person, RigidRobot
+from helpers.squeezed import links_of
+from tci.gate.contact.settings import ContactSettings
+from tci.gate.gate import Gate, GateSettings, GateState
+from tci.messages import Contacts
+from tci.messages.contacts import CONTACT, TAXEL, Site
+from tci.messages.frames import Array
+from tci.reasons import Code
+from tci.robot.catalogue import load_robot
+from tci.robot.clearance import Clearance, Fixture
+from tci.robot.joint_map import initial_position
+from tci.robot.kinematics import KinematicChain
+
+NAO = load_robot("nao")
+PITCH = next(servo.index for servo in NAO.servos if servo.name == "LShoulderPitch")
+PERIOD = 0.01
+
+
+class Lowered:
+    """A NAO that lowers its left arm until something below stops it."""
+
+    def __init__(self, *fixtures: Fixture, start: float = 20.0, at: float = 50.0) -> None:
+        settings = GateSettings(contact=ContactSettings(fixtures=fixtures))
+        self.gate = Gate(NAO, period=PERIOD, stale_after=0.1, settings=settings, streams=True)
+        self.angles, self.at, self.now = np.array(initial_position(NAO)), np.deg2rad(at), 0.0
+        self.angles[PITCH] = np.deg2rad(start)
+        self.told: list[str] = []
+        self.refused: list[Code] = []
+
+    def run(self, lasts: float, goal: float | None = None, contacts: Contacts | None = None) -> float:
+        """Returns the arm's reference [rad] in the end."""
+        orders = [] if goal is None else [position_command([PITCH], [np.deg2rad(goal)])]
+        for _ in range(round(lasts / PERIOD)):
+            safe = self.gate.step(orders, reading(self.angles, self.now), self.now, contacts=contacts)
+            orders = []
+            self.angles[safe.servos] = safe.position
+            self.angles[PITCH] = min(self.angles[PITCH], self.at)
+            self.told += [one.text for one in safe.clamped if one.code is Code.CONTACT]
+            self.refused += [one.code for one in safe.refusals]
+            self.now += PERIOD
+        return float(safe.position[safe.servos.tolist().index(PITCH)])
+
+
+def lowest(degrees: float) -> float:
+    """Height [m] of the arm's lowest point, by the judge's plant."""
+    angles = np.array(initial_position(NAO))
+    angles[PITCH] = np.deg2rad(degrees)
+    plant = RigidRobot(NAO, angles=angles, people=[Person("below", 1e4)])  # 50 m below the robot
+    model, links = plant.model, links_of(NAO, plant, "left_arm")
+    below, segment = model.geom("below").id, np.empty(6)
+    ways = [
+        mujoco.mj_geomDistance(model, plant.data, geom, below, 100.0, segment)
+        for geom in range(model.ngeom)
+        if model.body(model.geom_bodyid[geom]).name in links
+    ]
+    return min(ways) + float(plant.data.geom_xpos[below, 2]) + float(model.geom_size[below, 0])
+
+
+@pytest.mark.parametrize("between", [0.0, 0.015])
+def test_an_arm_that_meets_a_declared_table_stops_but_not_if_somebody_may_lie_on_it(between: float) -> None:
+    """15 mm are a thin hand. Without the table's name, nobody knows that nobody is to be freed."""
+    top = lowest(50.0) - between
+    arm = Lowered(Fixture("table", (0.1, 0.2, top - 0.1), (0.5, 0.5, 0.2)))
+    rests = arm.run(1.5, goal=80.0)
+    assert ("left_arm met the fixture table: LShoulderPitch is held" in arm.told[0]) is not bool(between)
+    assert arm.gate.state is GateState.RUN
+    if between:
+        assert arm.told[0].endswith("it goes back")
+        assert rests < arm.at - np.deg2rad(2.5)
+        return
+    assert arm.told[0].endswith("it stops")
+    assert rests == pytest.approx(arm.at, abs=np.deg2rad(0.5)), "nothing presses, and nothing is given up"
+    arm.run(1.0, goal=20.0)
+    assert arm.angles[PITCH] < np.deg2rad(25.0), "a command may lead away half a second later"
+
+
+def touch(patch: str, p_T: Array, n_T: Array) -> Contacts:
+    rows = np.zeros(1, CONTACT)
+    rows["identity"], rows["force"], rows["p_T"], rows["n_T"] = 7, 20.0, p_T, n_T
+    return Contacts(
+        (Site(patch, "left_arm", "forearm"),), np.zeros(1), np.zeros(1, np.int64), rows,
+        np.zeros(2, np.int64), np.zeros(0, TAXEL),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("towards", [True, False])
+def test_what_an_arm_feels_where_it_touches_its_own_leg_is_nobody(towards: bool) -> None:
+    """A contact on the other side of the same link is somebody all the same."""
+    arm, clearance = Lowered(at=180.0), Clearance(NAO)
+    roll = next(servo.index for servo in NAO.servos if servo.name == "LShoulderRoll")
+    arm.angles[PITCH] = np.deg2rad(85.0)
+    touching = []
+    for degrees in np.arange(25.0, -18.0, -0.5):
+        arm.angles[roll] = np.deg2rad(degrees)
+        if touching := clearance.near(arm.angles, within=0.006):
+            break
+    pair = touching[0]
+    sign = 1.0 if PITCH in KinematicChain(NAO).chain(pair.first) else -1.0
+    way = sign * (pair.way_T if towards else -pair.way_T)
+    arm.run(0.05, goal=85.5)
+    arm.run(0.5, goal=86.5, contacts=touch("left_forearm", pair.p_T, way))
+    assert ("met its own" in arm.told[0]) is towards
+    assert arm.told[0].endswith("it stops" if towards else "it goes back")

@@ -147,6 +147,19 @@ class LinkPoints:
         mujoco.mj_kinematics(model, data)
         return most[[int(model.joint(joint).dofadr[0]) for joint in joints]]
 
+    def most_inert(self, joint: str) -> tuple[str, float, float]:
+        """Of the links that a joint carries, the one with the largest inertia for its mass: name, mass [kg]
+        and largest moment of inertia [kg m2]."""
+        model = self._model
+        top = int(model.jnt_bodyid[model.joint(joint).id])
+        carried = [top]
+        for body in range(top + 1, model.nbody):
+            if int(model.body_parentid[body]) in carried:
+                carried.append(body)
+        inertia = model.body_inertia.max(axis=1)
+        body = max(carried, key=lambda one: float(inertia[one] / max(model.body_mass[one], 1e-9)))
+        return str(model.body(body).name), float(model.body_mass[body]), float(inertia[body])
+
     def _on_geom(self, geom: int) -> Array:
         model = self._model
         size = model.geom_size[geom]

@@ -150,10 +150,11 @@ def _check_arms(body: FoundLimbs, servos: Iterable[Servo], points: LinkPoints, p
                 raise DescriptionError(path, [Fault(0, message)])
             torque, inertia = own[name].limits.torque or 0.0, float(points.inertia([name])[0])
             if torque < SLOWEST * inertia:
+                link, mass, own_inertia = points.most_inert(name)
                 message = (
                     f"{name}: its torque of {torque:.3g} N m can't move the {inertia:.3g} kg m2 that it "
-                    f"carries; valid: at least {SLOWEST * inertia:.3g} N m, or links whose mass and inertia "
-                    "are in kg and kg m2"
+                    f"carries, such as link {link} of {mass:.3g} kg and {own_inertia:.3g} kg m2; valid: at "
+                    f"least {SLOWEST * inertia:.3g} N m, or links whose mass and inertia are in kg and kg m2"
                 )
                 raise DescriptionError(path, [Fault(0, message)])
 

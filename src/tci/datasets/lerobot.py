@@ -7,7 +7,6 @@ Every name that LeRobot fixes is in this file, so a change of the format is a ch
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.datasets.episodes import COUNT, RAW, STAMPS, Columns, DataSet, Feature
+from tci.datasets.new_folder import new_folder
 from tci.datasets.raw_skin import skin_frames
 from tci.datasets.statistics import Statistics
 from tci.errors import RecordingError
@@ -63,19 +63,8 @@ def write_lerobot(data: DataSet, out: Path, *, licence: str = "other") -> None:
     `licence` is named on the set's card. If an error occurs, nothing remains. Raises RecordingError if the
     folder exists or the disk fails.
     """
-    try:
-        out.mkdir(parents=True)
-    except FileExistsError:
-        raise RecordingError(f"{out} exists and is not replaced; valid: a new folder") from None
-    except OSError as error:
-        raise RecordingError(f"{out}: {error.strerror or error}") from error
-    try:
+    with new_folder(out):
         _Writer(data, out).write(licence)
-    except BaseException as error:
-        shutil.rmtree(out, ignore_errors=True)
-        if isinstance(error, OSError):
-            raise RecordingError(f"{out}: {error.strerror or error}") from error
-        raise
 
 
 class _Writer:

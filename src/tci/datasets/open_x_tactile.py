@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.datasets.episodes import ACTION, COUNT, RAW, STAMPS, STATE, TACTILE, Columns, DataSet
+from tci.datasets.new_folder import new_folder
 from tci.datasets.raw_skin import skin_frames
 from tci.datasets.zarr2 import ArrayWriter, ZarrArray, make_group, put_array
 from tci.errors import RecordingError
@@ -79,19 +79,8 @@ def write_oxt(data: DataSet, out: Path) -> tuple[str, ...]:
 
     If an error occurs, nothing remains. Raises RecordingError if the folder exists or the disk fails.
     """
-    try:
-        out.mkdir(parents=True)
-    except FileExistsError:
-        raise RecordingError(f"{out} exists and is not replaced; valid: a new folder") from None
-    except OSError as error:
-        raise RecordingError(f"{out}: {error.strerror or error}") from error
-    try:
+    with new_folder(out):
         return _Writer(data, out / f"{out.name}{SUFFIX}").write()
-    except BaseException as error:
-        shutil.rmtree(out, ignore_errors=True)
-        if isinstance(error, OSError):
-            raise RecordingError(f"{out}: {error.strerror or error}") from error
-        raise
 
 
 class _Writer:

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType, TracebackType
+from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
 
 from tci.body.generic_body import GenericBody
-from tci.capabilities.policy.observations import CONTACTS, OBSERVATIONS, View
 from tci.capabilities.teach.capability import GUIDED, LEAD
 from tci.capabilities.teach.guide import Feel, guided
 from tci.capabilities.teach.limb import Limb, limbs_of
 from tci.drivers.driver import Driver
 from tci.drivers.registry import connect
 from tci.drivers.simulated import SimulatedDriver
-from tci.errors import DriverError, TciError, UnknownNameError
+from tci.errors import DriverError, TciError
 from tci.learn.head_camera import Sees, head_camera
-from tci.messages import ExpectContact, GenericCommand, Order, Perception
-from tci.messages.frames import Array, read_only
+from tci.learn.names import Names
+from tci.messages import ExpectContact, Order, Perception
+from tci.messages.frames import Array
 from tci.recording.recorder import Recorder
 from tci.robot.like import RobotLike, as_robot
 from tci.runtime.moment import Tick
@@ -31,12 +31,6 @@ from tci.touches.person import Person
 from tci.touches.planned_touch import plan
 from tci.touches.touch import Touch, parse_touch
 
-COLUMNS = ("forearm", "u", "sin", "cos", "force", "peak", "area")
-"""Names of the columns of the observation `contacts`."""
-ENDINGS: Mapping[str, str] = MappingProxyType({"posture": "pos", "velocity": "vel"})
-"""Ends of the names of observations that have a number for each joint. `pos` is what LeRobot's own robots
-say."""
-OBSERVED = ("posture", "velocity", "contacts", "taxels")
 PAUSE = 1.0
 """Time [s] between two touches of a simulated person."""
 STILL = 0.01
@@ -125,55 +119,21 @@ class NamedRobot:
         if not 0.0 < rate < np.inf:
             raise TciError(f"rate {rate}; valid: above 0 and finite")
         self.body = GenericBody(self.robot)
-        known = [part.name for part in self.robot.parts if self.body.has_joint(part.name).any()]
-        arms = [name for name in known if self.robot.part(name).kind == "arm"]
-        self.parts = tuple(parts) or tuple(arms or known)
-        for name in self.parts:
-            if name not in known:
-                raise UnknownNameError("part", name, known)
-        self.observations = tuple(observations)
-        for name in self.observations:
-            if name not in OBSERVED:
-                raise UnknownNameError("observation", name, OBSERVED)
+        self._names = Names(self.body, parts, observations)
+        self.parts = self._names.parts
         self.touches = tuple(parse_touch(one) if isinstance(one, str) else one for one in touches)
         for what, given in (("touches", self.touches), ("pictures", picture)):
             if given and via != "sim":
                 raise TciError(f"{what} over {via}; valid: over sim, which simulates them")
         self._size = picture
-        self._joints = {
-            name: [
-                (n, f"{name}.{servo.name}")
-                for n, (servo, there) in enumerate(
-                    zip(self.robot.part(name).servos, self.body.has_joint(name), strict=True)
-                )
-                if there
-            ]
-            for name in self.parts
-        }
-        self.actions = tuple(f"{joint}.pos" for own in self._joints.values() for _, joint in own)
+        self.actions = self._names.actions
         """Names of the angles that `act` takes."""
-        self.observed = tuple(name for part in self.parts for name, _, _ in self._places(part))
+        self.observed = self._names.observed
         """Names of the numbers that `observe` gives."""
         self.pictures = {} if picture is None else {"head": (picture[1], picture[0], 3)}
         """Shapes of the pictures that it gives, by name."""
         self._limbs = {name: limb for name, limb in limbs_of(self.body).items() if not limb.soft}
         self._stepper: Stepper | None = None
-
-    def _places(self, part: str) -> list[tuple[str, str, int]]:
-        """Name, observation, and index in it of everything that is seen of a part."""
-        found = list[tuple[str, str, int]]()
-        for name in self.observations:
-            if name in ENDINGS:
-                found += [(f"{joint}.{ENDINGS[name]}", name, n) for n, joint in self._joints[part]]
-            elif name == "contacts":
-                rows = [f"contact{row}.{column}" for row in range(CONTACTS) for column in COLUMNS]
-                found += [(f"{part}.{row}", name, n) for n, row in enumerate(rows)]
-            else:
-                surfaces = self.body.skin.surfaces
-                own = [patch.name for patch in self.robot.patches if patch.part == part]
-                taxels = [f"{patch}.{n}" for patch in own for n in range(len(surfaces[patch].areas))]
-                found += [(f"{taxel}.force", name, n) for n, taxel in enumerate(taxels)]
-        return found
 
     @property
     def is_connected(self) -> bool:
@@ -264,14 +224,7 @@ class NamedRobot:
         if self._people is not None:
             self._people.go_on()
         self._before, self._seen = self._seen, stepper.observe()
-        now, before = self._seen, self._before or self._seen
-        values = dict[str, Any]()
-        for part in self.parts:
-            posture = now.posture[part]
-            elapsed = now.stamp - before.stamp
-            view = View(now, self.body, part, posture, before.posture[part], elapsed)
-            seen = {name: np.ravel(OBSERVATIONS[name].see(view)) for name in self.observations}
-            values |= {name: float(seen[what][n]) for name, what, n in self._places(part)}
+        values: dict[str, Any] = {**self._names.see(self._seen, self._before or self._seen)}
         if self._picture is not None:
             values["head"] = self._picture(stepper.driver.read())
         return values
@@ -296,23 +249,15 @@ class NamedRobot:
         if wrong:
             names = ", ".join(self.actions)
             raise TciError(f"action: {', '.join(wrong)}; valid: one finite number for each of {names}")
-        orders = list[Order](self._expected)
+        orders: list[Order] = [*self._expected, *self._names.order(values)]
         self._expected = ()
-        for part, joints in self._joints.items():
-            angles = np.array(self.robot.part(part).initial_posture)
-            for n, name in joints:
-                angles[n] = values[f"{name}.pos"]
-            orders.append(GenericCommand(part, "position", read_only(angles)))
         sent = stepper.act(orders)
         reading = self._now().joints
         assert reading is not None
         position = np.array(reading.position)
         position[sent.servos] = sent.position
-        found = dict[str, float]()
-        for part, joints in self._joints.items():
-            generic = self.body.joint_maps[part].to_generic(position)
-            found |= {f"{name}.pos": float(generic[n]) for n, name in joints}
-        return found
+        maps = self.body.joint_maps
+        return self._names.angles({part: maps[part].to_generic(position) for part in self.parts})
 
     def guide(self) -> dict[str, float]:
         """The action with which arms go where hands push their skin (as in `tci.Teach`), from what `observe`
@@ -331,9 +276,7 @@ class NamedRobot:
             if pushed:
                 expected.append(ExpectContact(part, GUIDED))
         self._expected = tuple(expected)
-        return {
-            f"{name}.pos": float(target[part][n]) for part in self.parts for n, name in self._joints[part]
-        }
+        return self._names.angles(target)
 
     def _guide(self, part: str, seen: Perception) -> tuple[bool, Array]:
         """Whether hands push a part, and where it goes (n,) [rad]."""

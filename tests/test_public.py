@@ -153,6 +153,7 @@ ROBOTS: dict[str, Callable[[Any, Path], Any]] = {
     "met": lambda robot, _: tci.capabilities.Need("skin").met(robot),
     "skin_of": lambda robot, _: [one.name for one in tci.capabilities.Need("skin").skin_of(robot)],
     "TouchEnv": lambda robot, _: BY_NAME["TouchEnv"](robot).policy,
+    "NamedEnv": lambda robot, _: BY_NAME["NamedEnv"](robot).observed,
     "NamedRobot": lambda robot, _: BY_NAME["NamedRobot"](robot).observed,
     "TouchVectorEnv": lambda robot, _: BY_NAME["TouchVectorEnv"](robot, 1, threads=1).policy,
     "batch_scene": lambda robot, _: BY_NAME["batch_scene"](robot).taxels,

@@ -21,7 +21,11 @@ import numpy as np
 FPS, SECONDS = 30, 3.0
 TOUCH = "push 'left forearm' 5N 0.9s"
 TASK = "Go where the hand pushes"
-COMMANDS = {"record": "lerobot.scripts.lerobot_record"}
+COMMANDS = {
+    "record": "lerobot.scripts.lerobot_record",
+    "train": "lerobot.scripts.lerobot_train",
+    "eval": "lerobot.scripts.lerobot_eval",
+}
 
 
 def complete_torchvision() -> None:

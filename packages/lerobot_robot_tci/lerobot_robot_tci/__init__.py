@@ -1,9 +1,11 @@
-"""Robots of TCI in LeRobot: `--robot.type=tci`, and `--teleop.type=tci_touch`, with which hands guide them.
+"""Robots of TCI in LeRobot: `--robot.type=tci`, `--teleop.type=tci_touch`, with which hands guide them, and
+`--env.type=tci`, in which policies are judged.
 
-What they do is in `tci.learn.NamedRobot`.
+What they do is in `tci.learn.NamedRobot` and `tci.learn.NamedEnv`.
 """
 
+from lerobot_robot_tci.env import TciEnvConfig
 from lerobot_robot_tci.robot import TciRobot, TciRobotConfig
 from lerobot_robot_tci.touch import TciTouch, TciTouchConfig
 
-__all__ = ["TciRobot", "TciRobotConfig", "TciTouch", "TciTouchConfig"]
+__all__ = ["TciEnvConfig", "TciRobot", "TciRobotConfig", "TciTouch", "TciTouchConfig"]

@@ -11,6 +11,7 @@ from tci.support.installed import needs
 from tci.support.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from tci.learn.named_env import NamedEnv as NamedEnv
     from tci.learn.named_robot import NamedRobot as NamedRobot
     from tci.learn.task import Scene as Scene
     from tci.learn.task import TouchTask as TouchTask
@@ -34,3 +35,6 @@ for _name in ("withdrawal", "hold", "reach"):
         vector_entry_point=f"{__name__}.touch_vector_env:TouchVectorEnv" if _name == "withdrawal" else None,
         kwargs={"task": _name},
     )
+gymnasium.register(
+    id="tci/Named-v0", entry_point=f"{__name__}.named_env:NamedEnv", order_enforce=False
+)  # LeRobot looks for names that wrappers hide

@@ -281,8 +281,10 @@ REACH = TouchTask(
         mode="velocity",
         action_scale=(1.0,) * 5,
     ),
+    success=lambda view: float(np.linalg.norm(hand(view) - view.goal)) < NEAR,
     obstacles=POLES,
     duration=12.0,
 )
 """Bring the hand to a place that is half an arm's length away or more, through 2 to 6 poles, and press none
-of them hard. The goal is the place (3,). The baseline slides along what it meets."""
+of them hard. The goal is the place (3,). The baseline slides along what it meets. Success: the hand is within
+a tenth of an arm's length of its place."""

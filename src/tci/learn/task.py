@@ -122,6 +122,8 @@ class TouchTask:
     """What is seen, what actions mean, and when. `joints` and `kind` become those of the part."""
     observations: Mapping[str, Observation] = field(default_factory=dict)
     """Observations of your own, by the name that `policy` gives them."""
+    success: Callable[[View], bool] = lambda view: False
+    """Whether what was asked for holds, such as at the end of an episode."""
     obstacles: tuple[Obstacle, ...] = ()
     """Things in the world; `reset` places them."""
     duration: float = 1.5

@@ -99,15 +99,24 @@ WITHDRAWAL = TouchTask(
     reward=withdrawal_reward,
     baseline=_reflex,
     policy=PolicySpec(action_scale=(1.2,) * 5),
+    success=lambda view: felt(view) == 0.0,
 )
-"""A finger pokes the part; withdraw from it, move little, and come back. The baseline is the reflex."""
+"""A finger pokes the part; withdraw from it, move little, and come back. The baseline is the reflex. Success:
+nothing is felt any more."""
 
 FORCES = (2.0, 5.0)
+HELD = 0.25
+"""Share of the asked force by which a touch that is held may differ from it. Assumed."""
 
 
 def _force(scene: Scene) -> ArrayLike:
     """Draws the force [N] to hold."""
     return [scene.chance.uniform(*FORCES)]
+
+
+def _holds(view: View) -> bool:
+    (wanted,) = view.goal
+    return bool(abs(felt(view) - wanted) <= HELD * wanted)
 
 
 def _hold(scene: Scene) -> HoldTouch:
@@ -122,10 +131,11 @@ HOLD = TouchTask(
     policy=PolicySpec(
         observations=("offset", "velocity", "contacts", "goal"), mode="velocity", action_scale=(1.0,) * 5
     ),
+    success=_holds,
     duration=3.0,
 )
 """A finger presses with 7 to 12 N; keep the touch at the asked force of 2 to 5 N by yielding. The goal is the
-force [N]."""
+force [N]. Success: it is within a quarter of it."""
 
 TASKS: Mapping[str, TouchTask] = MappingProxyType({"withdrawal": WITHDRAWAL, "hold": HOLD, "reach": REACH})
 """The ready tasks, by the name that `TouchEnv` takes."""

@@ -21,7 +21,7 @@ from tci.capabilities.policy.spec import CLIP, PolicySpec, Seen
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError, UnknownNameError
 from tci.learn.head_camera import head_camera
-from tci.learn.task import PersonTouches, Scene, TouchTask, felt_part
+from tci.learn.task import PersonTouches, Scene, TouchTask, felt_part, nothing
 from tci.learn.tasks import TASKS
 from tci.messages import GenericCommand, Mode, Order, Perception, Reading, SwitchMode
 from tci.messages.frames import read_only
@@ -67,7 +67,8 @@ class TouchEnv(gymnasium.Env[Any, Vector]):
     it is `{"state": this, "picture": (height, width, 3) uint8}`. The action (n,)
     is what such a policy gives, -1 to 1; larger ones are clipped. Joints that the robot lacks ignore theirs.
     The reward is the task's for each second, times the length of the step. `info` has its terms, `force`, the
-    force [N] of finger, hands and obstacles on the robot, and `refused`, how many orders the gate refused.
+    force [N] of finger, hands and obstacles on the robot, `refused`, how many orders the gate refused, and
+    `is_success`, whether the robot was touched and what the task calls success holds now.
     An episode is truncated after its duration, and never ends earlier.
     """
 
@@ -163,11 +164,11 @@ class TouchEnv(gymnasium.Env[Any, Vector]):
         self._due = self.np_random.uniform(*ONSET) * self.duration
         goal = read_only(np.ravel(self.task.goal(self.scene)))
         self.scene = replace(self.scene, goal=goal)
-        self.time, self._touched = 0.0, False
+        self.time, self._touched, self._met = 0.0, False, False
         self._answer: tuple[float, Vector] | None = None
         self._memory: Any = None
         self._look()
-        self.home = self._seen_now.posture[self.part]
+        self.home = self.seen.posture[self.part]
         """Posture (n,) [rad] of the part at the start of the episode."""
         self._before = self.home
         self._seen: Seen | None = None
@@ -183,7 +184,7 @@ class TouchEnv(gymnasium.Env[Any, Vector]):
         if mode is not Mode.POSITION:
             self._control.act([SwitchMode(self.part, mode)])
         terms = self.task.reward(self._view(0.0))
-        return self._observe(), {**dict.fromkeys(terms, 0.0), "force": 0.0, "refused": 0}
+        return self._observe(), self._info(dict.fromkeys(terms, 0.0), 0)
 
     def step(self, action: ArrayLike) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """One step with an action (n,). Raises TciError for one of another shape, or that is not finite."""
@@ -193,30 +194,40 @@ class TouchEnv(gymnasium.Env[Any, Vector]):
                 f"action {np.array2string(given, precision=3)}; valid: {len(self.home)} finite "
                 f"numbers: {', '.join(self.policy.joints)}"
             )
-        orders: list[Order] = [self.policy.order(self.part, np.clip(given, -1.0, 1.0), self.home)]
+        reward, over, info = self.go([self.policy.order(self.part, np.clip(given, -1.0, 1.0), self.home)])
+        return self._observe(), reward, False, over, info
+
+    def go(self, orders: Iterable[Order]) -> tuple[float, bool, dict[str, Any]]:
+        """One step with orders of your own in place of an action: its reward, whether the episode is over,
+        and `info`."""
+        waiting = list(orders)
         begin, end = self.time, self.time + 1.0 / self.policy.rate
         sums, refused = dict[str, float](), 0
         while self.time < end - 1e-9:
             if not self._touched and self.time >= self._due:
                 self._touched = True
                 self._touch(self.scene)
-            sent = self._control.act(orders)
+            sent = self._control.act(waiting)
             refused += len(sent.refusals)
-            orders = []
+            waiting = []
             self.time += self.driver.period
             self._look()
             for name, term in self.task.reward(self._view(self.driver.period)).items():
                 sums[name] = sums.get(name, 0.0) + term * self.driver.period
-            self._before = self._seen_now.posture[self.part]
-        took = self.time - begin
-        terms = {name: total / took for name, total in sums.items()}
-        info = {**terms, "force": self._force(), "refused": refused}
-        return self._observe(), sum(sums.values()), False, self.time >= self.duration - 1e-9, info
+            self._before = self.seen.posture[self.part]
+            self._met = self._met or self._force() > 0.0
+        terms = {name: total / (self.time - begin) for name, total in sums.items()}
+        return sum(sums.values()), self.time >= self.duration - 1e-9, self._info(terms, refused)
+
+    def _info(self, terms: dict[str, float], refused: int) -> dict[str, Any]:
+        touched = self._met or self._touch is nothing
+        success = touched and self.task.success(self._view(0.0))
+        return {**terms, "force": self._force(), "refused": refused, "is_success": bool(success)}
 
     def baseline(self) -> Vector:
         """The action (n,) with which the task's hand-written answer goes on now. Call it once in each step;
         what it would do is what it orders, as far as an action can say it."""
-        now = self._seen_now
+        now = self.seen
         if self._answer is None:
             self._hand_written = self.task.baseline(self.scene)
             self._memory = self._hand_written.init(self.body)
@@ -232,6 +243,10 @@ class TouchEnv(gymnasium.Env[Any, Vector]):
                 answer = self._action(moved[-1].values)
             self._answer = now.stamp, answer
         return answer
+
+    def picture(self) -> NDArray[np.uint8] | None:
+        """What the camera in the head sees (height, width, 3); None without `picture`."""
+        return None if self._sees is None else self._sees(self.driver.read())
 
     def render(self) -> NDArray[np.uint8] | None:
         """A picture (240, 320, 3) of the world, or None if `render_mode` is None."""
@@ -262,17 +277,17 @@ class TouchEnv(gymnasium.Env[Any, Vector]):
     def _look(self) -> None:
         moment = self._control.observe()
         assert moment is not None  # a simulation goes on
-        self._seen_now: Perception = moment.perceived()
+        self.seen: Perception = moment.perceived()
+        """What was perceived last."""
 
     def _view(self, elapsed: float) -> View:
-        return View(self._seen_now, self.body, self.part, self.home, self._before, elapsed, self.scene.goal)
+        return View(self.seen, self.body, self.part, self.home, self._before, elapsed, self.scene.goal)
 
     def _observe(self) -> Any:
         self._seen = self.policy.see(
-            self._seen_now, self.body, self.part, home=self.home, before=self._seen, goal=self.scene.goal,
+            self.seen, self.body, self.part, home=self.home, before=self._seen, goal=self.scene.goal,
             own=self.task.observations,
         )  # fmt: skip
         state = self._seen.history.ravel().astype(np.float32)
-        if self._sees is None:
-            return state
-        return {"state": state, "picture": self._sees(self.driver.read())}
+        picture = self.picture()
+        return state if picture is None else {"state": state, "picture": picture}

@@ -28,6 +28,7 @@ from tci.learn.task import Poke, felt_part
 FPS, SECONDS, HELD_OUT = 30, 2.0, 50_000
 SMALL = ("dim_model=64", "n_heads=4", "dim_feedforward=128", "n_encoder_layers=2", "use_vae=false",
          "chunk_size=12", "n_action_steps=6", "optimizer_lr=5e-4")  # fmt: skip
+COLUMNS = ("observation.state", "observation.environment_state", "action")
 STILL, MOVES, CHANGES = np.deg2rad(2.0), np.deg2rad(5.0), np.deg2rad(2.0)
 """Largest motion [rad] before a touch, least motion within 1 s after it, and least change of the action when
 the forces are set to 0: the bar."""
@@ -132,22 +133,22 @@ def one(robot: str, out: Path, given: argparse.Namespace) -> bool:
     shutil.rmtree(out, ignore_errors=True)
     (out / "recordings").mkdir(parents=True)
     record(robot, out / "recordings", given.episodes)
-    write_lerobot(read_set(sorted((out / "recordings").glob("*.mcap")), fps=FPS), out / "set")
+    write_lerobot(
+        read_set(sorted((out / "recordings").glob("*.mcap")), fps=FPS), out / "set", columns=COLUMNS
+    )
     begun = time.monotonic()
     train(robot, out / "set", out / "act", given.steps)
     print(f"{robot}: {given.steps} steps of training took {time.monotonic() - begun:.0f} s", flush=True)
     model = out / "act" / "checkpoints" / "last" / "pretrained_model"
-    body = tci.GenericBody(tci.load_robot(robot))
-    parts = [part.name for part in body.robot.parts if body.has_joint(part.name).any()]
     lerobot(
         "eval", f"--policy.path={model}", "--policy.device=cpu", "--env.type=tci", f"--env.robot={robot}",
-        f"--env.parts={json.dumps(parts)}", '--env.observations=["posture"]', f"--env.fps={FPS}",
+        '--env.parts=["all"]', '--env.observations=["posture"]', f"--env.fps={FPS}",
         f"--env.duration={SECONDS}", "--eval.n_episodes=2", "--eval.batch_size=1", f"--seed={HELD_OUT}",
         f"--output_dir={out / 'eval'}",
     )  # fmt: skip
     told = json.loads((out / "eval" / "eval_info.json").read_text())
     print(f"{robot}: lerobot-eval says {told['overall']}", flush=True)
-    env, act = NamedEnv(robot, parts=parts, observations=["posture"], fps=FPS, duration=SECONDS), Act(model)
+    env, act = NamedEnv(robot, parts=["all"], observations=["posture"], fps=FPS, duration=SECONDS), Act(model)
     rows = [touch(env, act, HELD_OUT + n) for n in range(given.touches)]
     calm = sum(row.before < STILL for row in rows)
     left = sum(row.before < STILL and row.after > MOVES for row in rows)

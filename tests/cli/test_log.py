@@ -29,6 +29,8 @@ def test_record_look_cut_export_and_replay(tmp_path: Path) -> None:
     info = json.loads(tci("log", "info", path, "--json"))
     assert info["complete"]
     assert info["periods"] == info["topics"]["/tci/decision"] == 300
+    quick = json.loads(tci("log", "info", path, "--json", "--quick"))
+    assert quick == {**info, "checked": False}
     about = info["about"]
     assert (about["capability"], about["robot"], about["middleware"]) == ("withdrawal", "nao", "sim")
     assert (about["seed"], about["step_s"], about["period_s"]) == ("0", "0.001", "0.002")

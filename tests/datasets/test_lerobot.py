@@ -86,6 +86,22 @@ def test_metadata_agree_with_the_data(recordings: Path, tmp_path: Path) -> None:
     assert len(layout) == info["features"]["observation.tactile.left_forearm"]["shape"][0]
 
 
+def test_a_set_for_training_has_the_columns_that_are_asked_for(recordings: Path, tmp_path: Path) -> None:
+    """LeRobot's loader reads all columns of a row, used or not."""
+    export = ("log", "export", str(recordings / "a.mcap"), str(tmp_path / "set"), "-f")
+    assert "valid: observation.state, action," in tci(*export, "lerobot", "--columns", "smell", status=1)
+    assert "valid: for --format lerobot" in tci(*export, "oxt", "--columns", "action", status=1)
+    tci(*export, "lerobot", "--columns", "observation.state, action")
+    table = parquet.read_table(tmp_path / "set/data/chunk-000/file-000.parquet")
+    assert table.column_names[:3] == ["observation.state", "action", "timestamp"]
+    assert set(table.column_names) == set(json.loads((tmp_path / "set/meta/stats.json").read_text()))
+    whole = read_set([recordings / "a.mcap"])
+    write_lerobot(whole, tmp_path / "whole")
+    for name in ("observation.state", "action"):
+        expected = read_lerobot(tmp_path / "whole").episode(0)[name]
+        np.testing.assert_array_equal(read_lerobot(tmp_path / "set").episode(0)[name], expected)
+
+
 def test_a_set_becomes_a_recording_again(recordings: Path, tmp_path: Path) -> None:
     write_lerobot(read_set(sorted(recordings.glob("*.mcap"))), tmp_path / "set")
     out = tmp_path / "b.mcap"

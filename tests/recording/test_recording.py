@@ -19,6 +19,7 @@ from helpers.recorded import equal_readings, made_up, record_poke
 from tci.errors import RecordingError
 from tci.recording.cut import cut
 from tci.recording.recorder import Recorder
+from tci.recording.index import indexed
 from tci.recording.recording import LARGEST, Recording
 from tci.recording.schemas import to_nanoseconds
 
@@ -120,8 +121,18 @@ def test_58_a_damaged_recording_raises_nothing_else(closed: bool, tmp_path: Path
         try:
             for tick in Recording(path).ticks():
                 assert tick.reading.joints.position.size <= len(raw)
+            indexed(path)
         except RecordingError:
             pass
+
+
+def test_the_index_says_what_is_there_and_a_file_without_one_says_so(tmp_path: Path) -> None:
+    path, cut = tmp_path / "a.mcap", tmp_path / "cut.mcap"
+    write(path, 500)
+    assert indexed(path) == Recording(path).topics()
+    cut.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(RecordingError, match="index"):
+        indexed(cut)
 
 
 def test_58_a_bomb_is_refused_before_it_unpacks(tmp_path: Path) -> None:

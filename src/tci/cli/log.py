@@ -19,8 +19,15 @@ app.command("import")(import_)
 
 
 @app.command()
-def info(file: RecordingFile, as_json: AsJson = False) -> None:
-    """Show the contents of a recording. Also shows if the recording is complete or if the end is missing.
+def info(
+    file: RecordingFile,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="From the index alone: does not check that all can be read.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Show the contents of a recording, and whether all of it can be read or its end is missing. With --quick
+    at once, however long it is.
 
     Example:  tci log info touch.mcap
     """
@@ -29,16 +36,18 @@ def info(file: RecordingFile, as_json: AsJson = False) -> None:
     from rich.table import Table
 
     from tci.cli.console import console, print_json
+    from tci.recording.index import indexed
     from tci.recording.recording import Recording
 
     recording = Recording(file)
-    topics = recording.topics()
+    topics = indexed(file) if quick else recording.topics()
     periods = topics.get("/tci/tick")
     about: dict[str, Any] = {key: text for key, text in recording.about.items() if key != "description"}
     whole: dict[str, Any] = {
         "file": str(file),
         "bytes": file.stat().st_size,
-        "complete": recording.complete,
+        "complete": quick or recording.complete,
+        "checked": not quick,
         "lost": [asdict(one) for one in recording.lost],
         "periods": periods.messages if periods else 0,
         "from_s": periods.first if periods else None,
@@ -50,6 +59,8 @@ def info(file: RecordingFile, as_json: AsJson = False) -> None:
         print_json(whole)
         return
     state = "[green]complete[/]" if recording.complete else "[yellow]cut off; readable up to there[/]"
+    if quick:
+        state = "complete; what its index says, without --quick all is read"
     span = f"{periods.first:.3f} to {periods.last:.3f} s" if periods else "empty"
     head = f"[bold]{escape(file.name)}[/]  {whole['bytes'] / 1e6:.2f} MB, {whole['periods']} periods"
     console.print(f"{head}, {span}, {state}", highlight=False)
@@ -120,6 +131,13 @@ def export(
         str, typer.Option(help="For a data set: what the robot does, in words, as policies are told.")
     ] = "",
     fps: Annotated[int, typer.Option(help="For a data set: rows per second; skin keeps its own rate.")] = 30,
+    columns: Annotated[
+        str,
+        typer.Option(
+            help="For a set of LeRobot: only these columns, separated by commas. Its loader reads all of a "
+            "set, used or not, dozens of milliseconds for each row."
+        ),
+    ] = "",
     as_json: AsJson = False,
 ) -> None:
     """Write a recording as tables of joint data, gate decisions, contacts and skin frames, or as a data set
@@ -132,8 +150,13 @@ def export(
 
     Example:  tci log export recordings/ touch-set --format lerobot --task "give way to the touch"
     """
+    from tci.errors import RecordingError
+
     if form in SETS:
-        _export_set(form, file, out, robot, task=task, fps=fps, as_json=as_json)
+        if columns and form != "lerobot":
+            raise RecordingError(f"--columns for {form}; valid: for --format lerobot")
+        names = [one.strip() for one in columns.split(",") if one.strip()]
+        _export_set(form, file, out, robot, task=task, fps=fps, columns=names, as_json=as_json)
         return
     from tci.cli.console import console, print_json
     from tci.errors import TciError
@@ -160,7 +183,15 @@ def export(
 
 
 def _export_set(
-    form: str, file: Path, out: Path, robot: str | None, *, task: str, fps: int, as_json: bool
+    form: str,
+    file: Path,
+    out: Path,
+    robot: str | None,
+    *,
+    task: str,
+    fps: int,
+    columns: list[str],
+    as_json: bool,
 ) -> None:
     from tci.cli.console import console, print_json
     from tci.datasets.episodes import read_set
@@ -174,7 +205,7 @@ def _export_set(
     if form == "lerobot":
         from tci.datasets.lerobot import write_lerobot
 
-        write_lerobot(data, out)
+        write_lerobot(data, out, columns=columns)
     else:
         from tci.datasets.open_x_tactile import write_oxt
 

@@ -26,11 +26,14 @@ class Names:
     observation."""
 
     def __init__(self, body: GenericBody, parts: Iterable[str], observations: Iterable[str]) -> None:
-        """`parts` are generic parts, all arms if none is given; `observations` are of `OBSERVED`."""
+        """`parts` are generic parts, all arms if none is given, or "all" of those with joints, as in sets of
+        `tci log export`; `observations` are of `OBSERVED`."""
         self.body = body
         known = [part.name for part in body.robot.parts if body.has_joint(part.name).any()]
         arms = [name for name in known if body.robot.part(name).kind == "arm"]
         self.parts = tuple(parts) or tuple(arms or known)
+        if self.parts == ("all",):
+            self.parts = tuple(known)
         for name in self.parts:
             if name not in known:
                 raise UnknownNameError("part", name, known)

@@ -284,7 +284,7 @@ class Recording:
         Stops at the end of the file, or at the byte where the file was cut off.
         """
         self.complete, self.lost = False, ()
-        with _Bounded(io.FileIO(self.path)) as file:
+        with Bounded(io.FileIO(self.path)) as file:
             # Channels and schemas are repeated after the data, which has no effect.
             records = _Records(file, emit_chunks=True, record_size_limit=LARGEST).records
             try:
@@ -328,7 +328,7 @@ class Recording:
         """Schemas and channels as the end of the file repeats them, since the first chunk has the only
         others. None if the end is missing or damaged, where it may name any place in the file."""
         damaged = (McapError, EndOfFile, struct.error, ValueError, OSError, OverflowError, RecordingError)
-        with suppress(*damaged), _Bounded(io.FileIO(self.path)) as file:
+        with suppress(*damaged), Bounded(io.FileIO(self.path)) as file:
             summary = SeekingReader(
                 file, record_size_limit=min(LARGEST, self.path.stat().st_size)
             ).get_summary()
@@ -362,7 +362,7 @@ class _Records(StreamReader):
         return super()._read_record(opcode, length)
 
 
-class _Bounded(io.BufferedReader):
+class Bounded(io.BufferedReader):
     """A file whose `read` raises RecordingError for more than LARGEST bytes, since a damaged record may
     declare any length."""
 

@@ -36,7 +36,8 @@ SPREAD = 1.0
 ASIDE = 0.025
 """Standard deviation [m] of poles from the way of the skin: many are brushed, few bar it."""
 CLEAR = 0.008
-"""Distance [m] from each pole to the arm at the beginning and at the place."""
+"""Distance [m] from each pole to the skin at the beginning and at the place; there no link touches it either.
+"""
 BARE = 0.1
 """Distance [arm lengths] from each pole to the way of hand and elbow, where no skin feels it."""
 LATEST = 5
@@ -234,13 +235,20 @@ def _place_poles(scene: Scene, position: Array, there: Array, room: float) -> in
             continue
         pole = scene.world.obstacle(POLES[placed].name)
         pole.place(at, along)
-        if any(POLES[placed].name in (one.first, one.second) for one in scene.world.meetings()):
+        if any(_meets(scene, one, POLES[placed].name) for one in (there, position)):
             pole.remove()
             continue
         placed += 1
         if placed == len(POLES):
             break
+    scene.world.show(position)
     return placed
+
+
+def _meets(scene: Scene, position: Array, pole: str) -> bool:
+    """Whether a pole is in the way of a posture, also of links without skin."""
+    scene.world.show(position)
+    return any(pole in (one.first, one.second) for one in scene.world.meetings())
 
 
 def _points(scene: Scene, position: Array) -> tuple[Array, Array]:

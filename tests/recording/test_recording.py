@@ -18,8 +18,8 @@ from mcap_ros2.decoder import DecoderFactory
 from helpers.recorded import equal_readings, made_up, record_poke
 from tci.errors import RecordingError
 from tci.recording.cut import cut
-from tci.recording.recorder import Recorder
 from tci.recording.index import indexed
+from tci.recording.recorder import Recorder
 from tci.recording.recording import LARGEST, Recording
 from tci.recording.schemas import to_nanoseconds
 

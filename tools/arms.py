@@ -88,6 +88,30 @@ def finger_differences(line: dict[str, Any], robot: Robot) -> Iterator[str]:
             yield f"{name}: {chain[-1]} bends it with {bends:+d}; by hand {sign:+d}"
 
 
+def jaw_differences(line: dict[str, Any], robot: Robot) -> Iterator[str]:
+    """What differs between the proposed jaws and their line: their joints, and the sign with which each
+    moves as the flexions of the fingers rise together."""
+    part = next((one for one in robot.parts if one.kind == "fingers"), None)
+    if part is None:
+        yield f"no fingers; by hand {', '.join(line['jaws'])}"
+        return
+    maps = joint_map(robot, part.name)
+    places: list[dict[str, float]] = []
+    for step in (0.0, 0.01):
+        posture, position = np.array(part.initial_posture), np.zeros(len(robot.servos))
+        position[maps.servos] = maps.to_robot(part.initial_posture, position)
+        posture[[one.id for one in part.servos if one.name.endswith("_flexion")]] += step
+        position[maps.servos] = maps.to_robot(posture, position)
+        places.append({
+            joint.joint: joint.multiplier * position[servo.index] + joint.offset
+            for servo in robot.servos for joint in servo.joints
+        })  # fmt: skip
+    for joint, sign in zip(line["jaws"], line["closes"], strict=True):
+        moved = int(np.sign(places[1].get(joint, 0.0) - places[0].get(joint, 0.0)))
+        if moved != sign:
+            yield f"{joint} closes with {moved:+d}; by hand {sign:+d}"
+
+
 def try_one(line: dict[str, Any], folder: Path, *, quick: bool) -> dict[str, Any]:
     """Runs all commands on one model, or with `quick` those that simulate nothing, and returns what they
     said."""
@@ -103,15 +127,16 @@ def try_one(line: dict[str, Any], folder: Path, *, quick: bool) -> dict[str, Any
     })  # fmt: skip
     if told is not None:
         robot, model = read_robot(target), Untouched(file)
-        links = [name for name in line.get("joints", ()) if name]
+        links = [name for name in (*line.get("joints", ()), *line.get("jaws", ())) if name]
         wrong = list(arm_differences(line, robot, model)) if line["kind"] == "arm" else []
         wrong += finger_differences(line, robot) if line["kind"] == "hand" else []
+        wrong += jaw_differences(line, robot) if line["kind"] == "gripper" else []
         result["faults"] = [*wrong, *same_as_file(robot, model, links, line["mass"])]
         checked, error = tci("check", *([] if quick else ["--simulate"]), str(target))
         result["faults"] += [error] if checked is None else checked["faults"]
         if not quick:
             result["five_lines"], result["ran"] = five_lines(
-                robot, target, "FingerReflex" if line["kind"] == "hand" else "WithdrawalReflex"
+                robot, target, "WithdrawalReflex" if line["kind"] == "arm" else "FingerReflex"
             )
     result["whole"] = told is not None and not result["faults"] and result["ran"] is not False
     result["seconds"] = round(time.perf_counter() - begin, 1)

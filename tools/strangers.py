@@ -154,7 +154,7 @@ def same_as_file(robot: Robot, model: Untouched, joints: Sequence[str], by_hand:
         position = rng.uniform(low, high)
         angles = {
             joint.joint: joint.multiplier * position[servo.index] + joint.offset
-            for servo in robot.servos if servo.joint for joint in servo.joints
+            for servo in robot.servos for joint in servo.joints
         }  # fmt: skip
         poses = chain.poses(position, [own.torso_link, *links])
         base = np.linalg.inv(poses[own.torso_link])
@@ -165,27 +165,33 @@ def same_as_file(robot: Robot, model: Untouched, joints: Sequence[str], by_hand:
     if turned > ANGLE or shifted > PLACE:
         yield f"poses differ by {np.rad2deg(turned):.3f} degrees, {1e3 * shifted:.2f} mm"
     for servo in robot.servos:
-        if servo.joint in model.limits:
-            yield from _limits(servo, model.limits[servo.joint])
+        first = servo.joints[0] if servo.joints else None
+        if first is not None and first.joint in model.limits:
+            yield from _limits(servo, first, model.limits[first.joint])
     mass = float(bare.body_mass.sum())
     for other, whose in ((model.mass, "of the file"), (by_hand, "by hand")):
         if abs(mass - other) > MASS * other:
             yield f"mass {mass:.3f} kg; {whose} {other:.3f} kg"
 
 
-def _limits(servo: Any, limits: tuple[float, float, float, float]) -> Iterator[str]:
+def _limits(servo: Any, first: Any, limits: tuple[float, float, float, float]) -> Iterator[str]:
+    """What differs between limits of a servo and those of its first joint in the file. One that slides has
+    m, m/s and N there, of which the servo's pinion makes rad, rad/s and N m."""
     low, high, torque, speed = limits
     ours, assumed = servo.limits, servo.limits.assumed
+    if first.slides:
+        low, high = sorted((end - first.offset) / first.multiplier for end in (low, high))
+        torque, speed = torque * abs(first.multiplier), speed / abs(first.multiplier)
     for name, mine, theirs, wider in (("lower", ours.lower, low, -1.0), ("upper", ours.upper, high, 1.0)):
         if mine is None or not np.isfinite(theirs):
             continue
         told = name in assumed and (mine - theirs) * wider < 0.0  # narrower, and new-robot says so
         if abs(mine - theirs) > LIMIT and not told:
-            yield f"{servo.joint}: {name} limit {mine:.4f}; of the file {theirs:.4f}"
+            yield f"{first.joint}: {name} limit {mine:.4f}; of the file {theirs:.4f}"
     for name, mine, theirs in (("torque", ours.torque, torque), ("velocity", ours.velocity, speed)):
         known = np.isfinite(theirs) and mine is not None and name not in assumed
         if known and abs(mine - theirs) > MASS * max(theirs, 1e-3):
-            yield f"{servo.joint}: {name} limit {mine:.4f}; of the file {theirs:.4f}"
+            yield f"{first.joint}: {name} limit {mine:.4f}; of the file {theirs:.4f}"
 
 
 def tci(*words: str, limit: float = 600.0) -> tuple[Any, str]:
@@ -285,7 +291,7 @@ def five_lines(robot: Robot, target: Path, reflex: str = "WithdrawalReflex") -> 
     words.append(reflex)
     done = subprocess.run(words, capture_output=True, text=True, timeout=600, check=False)
     said = done.stdout.strip() or (done.stderr.strip().splitlines() or ["nothing"])[-1]  # no traceback
-    return said, done.returncode == 0 and "moved" in said
+    return said, done.returncode == 0 and "; moved" in said
 
 
 def _place(source: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tci.robot.catalogue import robot_names
 
-ARMS = ("franka", "so101", "ur5")
+ARMS = ("franka", "franka-hand", "so101", "ur5")
 """Robots that are one arm on a table."""
 HANDS = ("allegro",)
 """Robots that are one hand, held by a stand."""

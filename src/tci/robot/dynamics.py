@@ -51,7 +51,9 @@ class Dynamics:
         servos, addresses, columns = joints_of(robot, self._model)
         self._model.dof_armature[columns] = calibration.values(robot, "rotor")[servos]
         self._data = mujoco.MjData(self._model)
-        self._servos, self._addresses, self._columns = map(np.array, (servos, addresses, columns))
+        self._servos, self._addresses, self._columns = (
+            np.array(one, np.intp) for one in (servos, addresses, columns)
+        )
         self._square = np.ix_(self._columns, self._columns)
         self._full = np.zeros((self._model.nv, self._model.nv))
         self._bias = np.zeros(self._model.nv)

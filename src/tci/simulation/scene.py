@@ -138,13 +138,14 @@ def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
         limits = servo.limits
         for one in servo.joints:
             joint = spec.joint(one.joint)
-            if limits.torque is not None and joint.frictionloss >= limits.torque:
+            lever = abs(one.multiplier) if one.slides else 1.0
+            if limits.torque is not None and joint.frictionloss * lever >= limits.torque:
                 # Against such a friction no motion is possible, so it can't be meant; tci check tells it.
                 joint.frictionloss, joint.damping = 0.0, np.zeros(3)
             if limits.lower is not None and limits.upper is not None:
                 joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
                 ends = np.array([limits.lower, limits.upper]) * one.multiplier + one.offset
-                joint.range = np.sort(ends) * unit
+                joint.range = np.sort(ends) * (1.0 if one.slides else unit)
             joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
             actuator = spec.add_actuator(
                 neutral(spec), name=one.joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=one.joint

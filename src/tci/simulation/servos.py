@@ -56,6 +56,7 @@ class Servos:
         """Servo (k,) of each moving joint. Several joints may follow one servo."""
         model = physics.model
         joints = [model.joint(one.joint) for _, one in driven]
+        self._levers = np.array([abs(one.multiplier) if one.slides else 1.0 for _, one in driven])
         self.addresses: NDArray[np.intp] = np.array([joint.qposadr[0] for joint in joints], dtype=np.intp)
         """Index of each moving joint's angle in `qpos`."""
         self._dofs = np.array([joint.dofadr[0] for joint in joints], dtype=np.intp)
@@ -93,7 +94,7 @@ class Servos:
         own = model.dof_armature[self._dofs]
         armature = np.maximum(np.maximum(own, inertia - own), _LEAST_ARMATURE)
         given = [robot.servos[index].limits.torque for index in self.moving]
-        pushes = STALL * np.array([0.0 if torque is None else torque for torque in given])
+        pushes = STALL * np.array([0.0 if torque is None else torque for torque in given]) / self._levers
         armature = np.maximum(armature, own - inertia + pushes * TIME_CONSTANT**2 / self.drives["lag"])
         model.dof_armature[self._dofs] = armature
         total = inertia - own + armature
@@ -102,10 +103,14 @@ class Servos:
         damping = model.dof_damping[self._dofs]
         kp = np.maximum(total / TIME_CONSTANT**2, damping / (2.0 * TIME_CONSTANT))
         kv = np.maximum(2.0 * total / TIME_CONSTANT, damping)
-        for index, actuator, load in zip(self.moving, self._actuators, total, strict=True):
+        for index, actuator, load, lever in zip(
+            self.moving, self._actuators, total, self._levers, strict=True
+        ):
             limits = robot.servos[index].limits
-            torque = limits.torque if limits.torque is not None else _enough_torque(limits.acceleration, load)
-            model.actuator_forcerange[actuator] = (-torque, torque)
+            enough = _enough_torque(limits.acceleration, load * lever**2)
+            torque = enough if limits.torque is None else limits.torque
+            force = torque / lever
+            model.actuator_forcerange[actuator] = (-force, force)
         mujoco.mj_setConst(model, data)
         return kp, kv
 
@@ -262,7 +267,7 @@ class Servos:
         self.drives["lead"] = np.where(yielding, lead, 0.0)
         self.drives["loose"], self.drives["yielding"] = loose, yielding
         self.drives["limp"] = ~held | (stiffness <= 0.0)
-        model.actuator_gainprm[self._actuators, 0] = np.where(loose & on, 1.0, kp)
+        model.actuator_gainprm[self._actuators, 0] = np.where(loose & on, 1.0 / self._levers**2, kp)
         model.actuator_biasprm[self._actuators, 1] = -kp
         model.actuator_biasprm[self._actuators, 2] = -kv
         self._physics.touch()

@@ -87,7 +87,7 @@ class Solids:
             poses.append([*p, *R.ravel()])
         count, offsets = model.njnt, anchors[:-1] - anchors[above]
         sums = np.zeros((count, 3, 3, 4))
-        sums[:, :, :, :3] = [turning(axis) for axis in data.xaxis]
+        sums[:, :, :, :3] = np.array([turning(axis) for axis in data.xaxis]).reshape(count, 3, 3, 3)
         sums[:, 0, :, 3] = offsets
         pairs = np.searchsorted(geoms, clearance.pairs).reshape(-1, 2)
         solids = np.array(shapes).reshape(-1, 16)

@@ -45,6 +45,8 @@ TORQUE, FINGER_TORQUE = (40.0, 1e4), (1.0, 10.0)
 of any joint, and of a finger's joint, whose motor reaches about 1 N m. With 40 N m, the fingers of an Allegro
 hand pressed on a ball with 11 N before their skin reported the touch; with the 10 N m of Unitree's URDF, a
 finger of an Inspire hand with 19 N."""
+JAW_TORQUE = 2.0, 50.0
+"""As `FINGER_TORQUE`, of a jaw. Assumed: jaws of 5 to 10 cm press with 20 to 200 N."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,22 +111,21 @@ def driven(joints: Sequence[Joint], facts: Mapping[str, JointFacts], needed: set
     return servos
 
 
-def proposed_limits(given: JointFacts, inertia: float, *, of_finger: bool = False) -> Limits:
+def proposed_limits(given: JointFacts, inertia: float, *, motor: tuple[float, float] = TORQUE) -> Limits:
     """Returns the proposed limits of a joint.
 
     Assumed values replace missing values and placeholders in the file. `inertia` [kg m2] is the largest
-    inertia that the joint carries.
+    inertia that the joint carries. `motor` is `TORQUE`, or that of a finger or jaw.
     """
     assumed = ["acceleration", "jerk", *given.assumed]
     lower, upper = given.lower, given.upper
     if not lower < upper or max(-lower, upper) > 2.0 * np.pi:
         lower, upper = -np.pi, np.pi
         assumed += ["lower", "upper"]
-    velocity, torque = given.velocity, given.torque
+    velocity, torque, (usual, placeholder) = given.velocity, given.torque, motor
     if not 0.0 < velocity < FASTEST:
         velocity = SPEED
         assumed.append("velocity")
-    usual, placeholder = FINGER_TORQUE if of_finger else TORQUE
     if not 0.0 < torque < placeholder:
         torque = usual
         assumed.append("torque")

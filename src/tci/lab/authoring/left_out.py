@@ -40,7 +40,11 @@ def left_out(robot: Robot) -> list[str]:
     mapped = {robot.servos[servo].joint for servo in servos}
     taken = {place for place, joint in enumerate(joints) if joint.name in mapped}
     kinds = {part.kind for part in robot.parts if any(one.servo is not None for one in part.servos)}
-    sliding = [one.name for one in map(model.joint, range(model.njnt)) if one.type[0] == SLIDES]
+    driven = {one.joint for servo in robot.servos for one in servo.joints}
+    sliding = [
+        one.name for one in map(model.joint, range(model.njnt))
+        if one.type[0] == SLIDES and one.name not in driven
+    ]  # fmt: skip
     told = f"{', '.join(sliding)}: no generic joint slides; at the model's zero in simulation"
     notes = [told] if sliding else []
     if world := world_of(robot.model):

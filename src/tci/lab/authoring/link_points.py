@@ -64,12 +64,13 @@ class LinkPoints:
                 found.append(apply(T_RG, self._model.mesh_vert[first : first + count].astype(float)))
         return apply(invert(self.pose(body)), np.concatenate(found))
 
-    def around(self, link: str) -> Array:
+    def around(self, link: str, *, neighbours: bool = True) -> Array:
         """Returns points (n, 3) [m] on a link and on its neighbouring links, in the frame of `link`."""
-        own = self._with_fixed([self._model.body(link).id])
-        parents = self._model.body_parentid
-        joined = {body for body in range(1, self._model.nbody) if int(parents[body]) in own}
-        joined |= own | {int(parents[body]) for body in own} - {0}
+        joined = own = self._with_fixed([self._model.body(link).id])
+        if neighbours:
+            parents = self._model.body_parentid
+            joined = {body for body in range(1, self._model.nbody) if int(parents[body]) in own}
+            joined |= own | {int(parents[body]) for body in own} - {0}
         R_RL, p_RL = self.link_pose(link)
         points: Array = (self.of(str(self._model.body(body).name) for body in sorted(joined)) - p_RL) @ R_RL
         return points

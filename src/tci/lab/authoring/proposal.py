@@ -15,12 +15,15 @@ from tci.errors import DescriptionError, Fault
 from tci.lab.authoring.assumed_limits import mended, twins_of
 from tci.lab.authoring.find_arm import Mount, find_arm
 from tci.lab.authoring.find_hand import find_hand
+from tci.lab.authoring.find_jaws import Gripper, find_gripper, lone_gripper
 from tci.lab.authoring.find_limbs import FoundLimbs, NoPairError, find_limbs
 from tci.lab.authoring.find_pads import Pad
 from tci.lab.authoring.hand_skin import hand_skin
 from tci.lab.authoring.initial_posture import check_reach, clear_of_body
 from tci.lab.authoring.joint_facts import (
+    FINGER_TORQUE,
     SLOWEST,
+    TORQUE,
     JointFacts,
     driven,
     proposed_limits,
@@ -31,6 +34,7 @@ from tci.lab.authoring.link_points import LinkPoints
 from tci.lab.authoring.pad_patches import pad_patches
 from tci.lab.authoring.proposed_arm import Sign, arm, elbow_senses
 from tci.lab.authoring.proposed_fingers import Hands, Trust, find_hands, fingers, with_followers
+from tci.lab.authoring.proposed_gripper import gripper_servos, jaw_pads, jaws
 from tci.lab.authoring.proposed_lone_arm import lone_arm
 from tci.lab.authoring.proposed_parts import hand, leg, middle, wrist
 from tci.lab.authoring.sleeves import sleeves
@@ -80,7 +84,10 @@ def propose(
     model = model.model_copy(update=frame)
     facts = mended(read_facts(model, points.compiled), twins_of(body) if body.is_humanoid else {})
     hands = find_hands(body, facts, points, str(path), trust=trust_fingers)
-    servos = with_followers(_servos(body, facts, points, hands), body, facts, hands)
+    gripper = None if hands or trust_fingers == "none" else _gripper(body, facts, points)
+    servos = with_followers(_servos(body, facts, points, hands, gripper), body, facts, hands)
+    if gripper is not None:
+        servos += gripper_servos(gripper, facts, points, _own_side(body), first=len(servos))
     index = {servo.joint: servo.index for servo in servos}
     _check_arms(body, servos, points, str(path))
     draft = Robot(
@@ -114,6 +121,10 @@ def propose(
         parts.append(fingers(draft, body, own, found, facts, points))
         bare = body.hand is not None and not pads and cover is not False
         patches += hand_skin(body, found, parts[-1], points) if skin_on_hands or bare else []
+    if gripper is not None:
+        parts.append(jaws(draft, body, gripper, points, _own_side(body)))
+        bare = body.hand is not None and not pads and cover is not False
+        patches += jaw_pads(gripper, parts[-1], points) if skin_on_hands or bare else []
     parts += [leg(draft, body, one, own, points, index) for own, one in body.legs.items()]
     patches += pad_patches(draft, parts, pads, points.compiled)
     return draft.model_copy(update={"parts": tuple(parts), "patches": tuple(patches)})
@@ -135,7 +146,22 @@ def _body(
     try:
         return find_limbs(model, points, arms=None if arms is None else (arms[0], arms[1]))
     except NoPairError:
-        return find_hand(model, side) or alone()
+        if (found := find_hand(model, side)) is not None:
+            return found
+        gripper = find_gripper(points, read_facts(model, points.compiled), None)
+        return alone() if gripper is None else lone_gripper(gripper, points, side)
+
+
+def _gripper(body: FoundLimbs, facts: Mapping[str, JointFacts], points: LinkPoints) -> Gripper | None:
+    """The gripper of one arm, or one that is alone. Those of humanoids stay at zero."""
+    if body.is_humanoid:
+        return None
+    behind = next((body.joints[limb.bend].link for limb in body.arms.values()), None)
+    return find_gripper(points, facts, behind)
+
+
+def _own_side(body: FoundLimbs) -> Side:
+    return body.hand or _side(next(iter(body.arms)))
 
 
 def _check_arms(body: FoundLimbs, servos: Iterable[Servo], points: LinkPoints, path: str) -> None:
@@ -160,9 +186,11 @@ def _check_arms(body: FoundLimbs, servos: Iterable[Servo], points: LinkPoints, p
 
 
 def _servos(
-    body: FoundLimbs, facts: Mapping[str, JointFacts], points: LinkPoints, hands: Hands
-) -> tuple[Servo, ...]:
-    """Returns a servo for each actuated joint, in this order: torso, head, arms, legs, other joints."""
+    body: FoundLimbs, facts: Mapping[str, JointFacts], points: LinkPoints, hands: Hands,
+    gripper: Gripper | None,
+) -> tuple[Servo, ...]:  # fmt: skip
+    """Returns a servo for each actuated joint, in this order: torso, head, arms, legs, other joints. Those
+    of a gripper are left out."""
     needed = {*body.trunk, *body.head, *(joint for leg in body.legs.values() for joint in leg.chain)}
     for limb in body.arms.values():
         needed |= {*limb.ball, limb.bend, *wrist(body, limb), *([] if limb.turn is None else [limb.turn])}
@@ -178,14 +206,19 @@ def _servos(
     groups["other"] = [joint for joint in range(len(body.joints)) if joint not in named]
     inertia = points.inertia([joint.name for joint in body.joints])
     of_fingers = {joint for found in hands.values() for finger in found for joint in finger.chain}
+    jawed = () if gripper is None else gripper.joints
+    of_gripper = {one for one, joint in enumerate(body.joints) if joint.name in jawed}
     servos: list[Servo] = []
     for part, joints in groups.items():
-        for id, joint in enumerate(joint for joint in joints if joint in able):
+        for id, joint in enumerate(joint for joint in joints if joint in able - of_gripper):
             name = body.joints[joint].name
             servos.append(
                 Servo(
                     index=len(servos), robot_part=part, id=id, name=name, joint=name,
-                    limits=proposed_limits(facts[name], float(inertia[joint]), of_finger=joint in of_fingers),
+                    limits=proposed_limits(
+                        facts[name], float(inertia[joint]),
+                        motor=FINGER_TORQUE if joint in of_fingers else TORQUE,
+                    ),
                     modes=(Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE),
                 )
             )  # fmt: skip

@@ -314,7 +314,7 @@ def _distances(robot: Robot, chain: KinematicChain, *, without: set[str]) -> Ite
     points = _points(model, written(model))
     for patch in robot.skin:
         surface = build_surface(robot, patch, chain)
-        shapes = points.around(surface.link)
+        shapes = points.around(surface.link, neighbours=not _is_gripper(robot.part(patch.part)))
         if any(patch.name in words.split() for words in without) or not len(shapes):
             continue
         away = float(np.quantile(KDTree(shapes).query(surface.positions)[0], QUARTER))
@@ -332,6 +332,13 @@ def _distances(robot: Robot, chain: KinematicChain, *, without: set[str]) -> Ite
                 f"{patch.name}: half of its taxels are {1e3 * under:.0f} mm or more under the shapes of "
                 f"{surface.link}; valid: at most {1e3 * most:.0f} mm"
             )
+
+
+def _is_gripper(part: GenericPart) -> bool:
+    """True for a thumb and an index finger alone: jaws, which may be closed over each other's pads, and over
+    that of the palm, at the model's zero."""
+    moved = {one.name.split("_")[0] for one in part.servos if one.servo is not None}
+    return part.kind == "fingers" and moved <= {"thumb", "index"}
 
 
 def _median_depth(surface: Surface, shapes: Array) -> float:

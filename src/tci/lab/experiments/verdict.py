@@ -241,6 +241,9 @@ def limit_faults(robot: Robot) -> list[str]:
             change = int(moment.now / PACE)
             for part in moved:
                 target = generator.uniform(-2.0, 2.0, len(part.servos))
+                if len(own := joint_map(robot, part.name).ids) == 2:  # the gate takes both for degrees
+                    here = joint_map(robot, part.name).to_generic(joints.position)
+                    target[own[change % 2]] = here[own[change % 2]]
                 command = GenericCommand(part.name, Mode.POSITION, target)
                 orders.append(to_platform(robot, command, position=joints.position))
         sent.append(control.act(orders))

@@ -27,14 +27,18 @@ class Limits(Description):
 
 
 class Mimic(Description):
-    """A joint of the model that follows a servo, like a mimic joint in URDF."""
+    """A joint of the model that follows a servo, like a mimic joint in URDF. One that slides, as the jaw of a
+    gripper, moves like a rack on the servo's pinion."""
 
     joint: str
     """Name of the joint in the kinematic model."""
     multiplier: float = 1.0
-    """Change of the joint's angle per change of the servo's angle."""
+    """Change of the joint's angle per change of the servo's angle; of one that slides, the pinion's radius [m
+    per rad]."""
     offset: float = 0.0
-    """Angle [rad] of the joint while the servo is at 0."""
+    """Angle [rad], or place [m] of one that slides, while the servo is at 0."""
+    slides: bool = False
+    """True for a joint that slides (prismatic)."""
 
 
 class Servo(Description):

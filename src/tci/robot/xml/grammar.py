@@ -100,6 +100,14 @@ MIMIC = Element(
     "with its own cable: if one joint is blocked, the other joints still move.",
     needs={"joint": NAME}, may={"multiplier": Factor(), "offset": Angle()}, describes=Mimic,
 )  # fmt: skip
+SLIDE = Element(
+    "A joint of the model that slides as this servo turns, such as the jaw of a gripper, like a rack on a "
+    "pinion of this `radius` [m]: place of the joint [m] = radius x angle of the servo [rad] + offset [m]. "
+    "The limits of the servo are those of the pinion: its angle, and its torque [N m] = force [N] x radius.",
+    needs={"joint": NAME, "radius": Factor(least=1e-4, most=3.0)},
+    may={"offset": Number(-3.0, 3.0, unit="m")}, describes=Mimic,
+    fields={"radius": "multiplier"},
+)  # fmt: skip
 SERVO = Element(
     'One joint of the robot, with its limits. `joint` is the name of this joint in the model; without '
     '`joint`, the angle of a simulated servo is always the commanded angle. `modes` replaces the modes of '
@@ -107,7 +115,7 @@ SERVO = Element(
     'moves a servo without limits: a command for a whole robot part does not change the angle of this '
     'servo.',
     needs={"id": ID, "name": NAME}, may={"joint": NAME, "modes": MODES}, once=LIMITS,
-    many={"mimic": MIMIC}, describes=Servo,
+    many={"mimic": MIMIC, "slide": SLIDE}, describes=Servo,
     fields={"modes": None},  # no field's default holds: the robot part gives it
 )  # fmt: skip
 

@@ -26,6 +26,7 @@ element, the names of its links and joints are not checked."""
 
 _ONE_AXIS = ("revolute", "continuous", "prismatic", "hinge", "slide")
 """Types of joints in URDF and MJCF that a servo can move."""
+_SLIDES = ("prismatic", "slide")
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,17 @@ class ModelNames:
 
     links: frozenset[str]
     joints: frozenset[str]
+    """All that a servo can move."""
+    slides: frozenset[str]
+    """Those of them that slide."""
 
     def with_prefixed(self, prefix: str, other: ModelNames) -> ModelNames:
         """Returns the names of this model, and the names of an attached model with `prefix` before each of
         them."""
-        links, joints = ({prefix + name for name in names} for names in (other.links, other.joints))
-        return ModelNames(self.links | links, self.joints | joints)
+        own, others = (self.links, self.joints, self.slides), (other.links, other.joints, other.slides)
+        return ModelNames(
+            *(mine | {prefix + name for name in o} for mine, o in zip(own, others, strict=True))
+        )
 
 
 def read_model(root: Node, source: Path, faults: Faults) -> tuple[Model | None, str | None]:
@@ -153,9 +159,13 @@ def _names(node: Node, path: Path, format: str, faults: Faults) -> ModelNames | 
     links, joints = ("link", "joint") if format == "urdf" else ("worldbody//body", "worldbody//joint")
     usual = {"urdf": "", "mjcf": "hinge"}[format]
     moving = [joint for joint in root.iterfind(joints) if joint.get("type", usual) in _ONE_AXIS]
+    slides = [joint for joint in moving if joint.get("type") in _SLIDES]
     # The name `world` is no link, even if the root of a URDF has this name, because the world is no valid
     # reference frame.
-    return ModelNames(frozenset(_attribute(root.iterfind(links))) - {"world"}, frozenset(_attribute(moving)))
+    return ModelNames(
+        frozenset(_attribute(root.iterfind(links))) - {"world"}, frozenset(_attribute(moving)),
+        frozenset(_attribute(slides)),
+    )  # fmt: skip
 
 
 def _attribute(elements: Iterable[etree._Element]) -> list[str]:
@@ -178,8 +188,14 @@ def _check_names(root: Node, names: ModelNames, faults: Faults) -> None:
         check(attachment, "replaces", names.links, "link")
     for part in root.all("robot_part"):
         for servo in part.all("servo"):
-            for node in (servo, *servo.all("mimic")):
+            check(servo, "joint", names.joints, "moving joint")
+            for node in servo.all("mimic"):
                 check(node, "joint", names.joints, "moving joint")
+                if node.get("joint") in names.slides:
+                    valid = f'valid: <slide joint="{node.get("joint")}" radius="..."/> [m per rad]'
+                    faults.add(node.line, f"the joint {node.get('joint')!r} slides and can't turn; {valid}")
+            for node in servo.all("slide"):
+                check(node, "joint", names.slides, "sliding joint")
     for generic in root.all("generic_robot_part"):
         for node in (*generic.all("segment"), *generic.all("cartesian_actuator"), *generic.all("eyes")):
             check(node, "link", names.links, "link")

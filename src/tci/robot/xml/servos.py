@@ -102,13 +102,19 @@ def read_servos(root: Node, faults: Faults) -> Servos:
             servos.unknown.add(name)
         once_only(of_part, "name", what, faults)
         nodes += [(name, node) for node in sorted(of_part, key=lambda node: node.get("id", -1))]
-    driven = [one for _, node in nodes for one in (node, *node.all("mimic")) if "joint" in one.values]
+    driven = [
+        one
+        for _, node in nodes
+        for one in (node, *node.all("mimic"), *node.all("slide"))
+        if "joint" in one.values
+    ]
     once_only(driven, "joint", "servo with", faults)
     for name, node in nodes:
         if "id" in node.values:
             fields = {"name": "?"} | node.fields
             own = tuple(map(Mode, node.get("modes", modes[name])))
             mimics = tuple(Mimic(**child.fields) for child in node.all("mimic") if child.ok)
+            mimics += tuple(Mimic(**child.fields, slides=True) for child in node.all("slide") if child.ok)
             servos.add(node.line, name, **fields, limits=_limits(node, faults), modes=own, mimics=mimics)
     _check_unit(root, servos, faults)
     return servos

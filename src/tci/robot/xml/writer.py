@@ -92,7 +92,8 @@ class _Written:
         held = {tag: child.text for tag, child in grammar.children.items() if child.text is not None}
         for name, value in (grammar.values | held).items():
             found = given.get(name, getattr(described, grammar.field(name) or "", None))
-            if found is None or (name not in given and found == grammar.default(name)):
+            usual = name not in grammar.needs and name not in given and found == grammar.default(name)
+            if found is None or usual:
                 continue
             if name in held:
                 etree.SubElement(self.node, name).text = value.write(found)
@@ -107,7 +108,7 @@ def _servo(part: _Written, servo: Servo, modes: list[str] | None) -> None:
         if all(getattr(limits, field) is not None for field in fields):
             written.add(tag, limits, origin=None if fields.isdisjoint(limits.assumed) else "assumed")
     for mimic in servo.mimics:
-        written.add("mimic", mimic)
+        written.add("slide" if mimic.slides else "mimic", mimic)
 
 
 def _part(root: _Written, robot: Robot, part: GenericPart) -> None:

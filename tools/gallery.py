@@ -23,7 +23,7 @@ from tci.simulation.world import World
 from tci.skin.skin import Skin
 
 ROBOTS = ("nao", "nao-plain", "nao-whole", "icub", "icub-whole", "g1", "g1-inspire", "talos", "alex",
-          "franka", "ur5", "so101", "allegro")  # fmt: skip
+          "franka", "franka-hand", "ur5", "so101", "allegro")  # fmt: skip
 GRASPS = {
     "nao-hands": (0.012, (60.0, 20.0, 20.0)),
     "icub-hands": (0.018, (60.0, 70.0, 70.0)),

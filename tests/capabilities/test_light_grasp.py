@@ -142,7 +142,8 @@ def test_settings_that_do_not_fit_are_refused() -> None:
     ("name", "presses"),
     [("nao-hands", "thumb"), ("icub-hands", "index middle ring"), ("g1-hands", "thumb index middle"),
      ("g1-inspire", "thumb index middle ring"),
-     ("allegro", "thumb index middle ring"), ("inspire", "thumb index middle"),
+     ("franka-hand", "thumb index"), ("allegro", "thumb index middle ring"),
+     ("inspire", "thumb index middle"),
      ("shadow", "thumb index middle ring little"), ("dex3", "thumb index middle")],
 )  # fmt: skip
 def test_a_ball_in_the_palm_is_held_with_one_newton_by_each_finger_and_let_go_on_a_pull(

@@ -18,7 +18,8 @@ from tci.errors import DescriptionError, Fault
 from tci.messages.frames import Array
 from tci.robot.description import Grid, Patch, Robot
 from tci.robot.hulls import HULL_VERTICES, keep_hulls
-from tci.robot.kinematics import joints_of
+from tci.robot.joint_map import initial_position
+from tci.robot.kinematics import bare_model, joints_of
 from tci.robot.model_file import compiled, load_spec
 from tci.support.engine import mujoco
 
@@ -49,7 +50,8 @@ def solid_spec(robot: Robot, *, shown: bool = False, mimics: bool = True) -> muj
 
     If `shown` is True, the model contains everything that pictures need; otherwise it contains only the geoms
     that collide, as convex hulls. Joints that no servo drives are fixed at 0. If `mimics` is False, joints
-    that only follow a servo are fixed at 0 too. The model contains no actuators, sensors, tendons and
+    that only follow a servo are fixed too: those that turn at 0, those that slide, as jaws do, as they are in
+    the initial posture. The model contains no actuators, sensors, tendons and
     equality constraints. Raises DescriptionError if the robot has no model, and the errors that `load_spec`
     raises.
     """
@@ -62,6 +64,8 @@ def solid_spec(robot: Robot, *, shown: bool = False, mimics: bool = True) -> muj
     driven = {servo.joint for servo in robot.servos}
     if mimics:
         driven |= {one.joint for servo in robot.servos for one in servo.mimics}
+    else:
+        _slide_to_start(spec, robot)
     for joint in list(spec.joints):
         if joint.name not in driven:
             spec.delete(joint)
@@ -73,6 +77,21 @@ def solid_spec(robot: Robot, *, shown: bool = False, mimics: bool = True) -> muj
         _add_pad(spec, patch)
     _set_self_collisions(spec, robot)
     return spec
+
+
+def _slide_to_start(spec: mujoco.MjSpec, robot: Robot) -> None:
+    """Shifts the bodies of sliding joints that follow a servo to their places in the initial posture."""
+    slides = [(servo.index, one) for servo in robot.servos for one in servo.mimics if one.slides]
+    if not slides:
+        return
+    assert robot.model is not None
+    model, position, rotation = bare_model(robot.model), initial_position(robot), np.empty(9)
+    for servo, one in slides:
+        joint = model.joint(one.joint)
+        body = model.body(int(joint.bodyid[0]))
+        mujoco.mju_quat2Mat(rotation, body.quat)
+        place = one.multiplier * position[servo] + one.offset - float(model.qpos0[joint.qposadr[0]])
+        spec.body(body.name).pos = spec.body(body.name).pos + place * rotation.reshape(3, 3) @ joint.axis
 
 
 def thick_pads(robot: Robot) -> tuple[Patch, ...]:

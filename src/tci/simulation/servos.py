@@ -279,9 +279,13 @@ def _largest_inertia(model: mujoco.MjModel, data: mujoco.MjData, dofs: NDArray[n
     generator = np.random.default_rng(0)
     largest = np.zeros(len(dofs))
     full = np.zeros((model.nv, model.nv))
-    low, high = model.jnt_range.T
+    # Jaws stay where they are: an arm with a gripper gets the motors of the arm without.
+    slide = int(mujoco.mjtJoint.mjJNT_SLIDE)
+    jaws = [joint for joint in model.dof_jntid[dofs].tolist() if model.jnt_type[joint] == slide]
+    moved = np.setdiff1d(np.arange(model.njnt), jaws)
+    low, high = model.jnt_range[moved].T
     for _ in range(_POSTURES):
-        data.qpos[model.jnt_qposadr] = generator.uniform(low, high)
+        data.qpos[model.jnt_qposadr[moved]] = generator.uniform(low, high)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_crb(model, data)

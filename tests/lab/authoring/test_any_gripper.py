@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 
 import tci
-from tci.capabilities import LightGrasp
-from tci.capabilities.light_grasp import forces_of
+from tci.capabilities import FingerReflex, LightGrasp
 from tci.errors import DescriptionError
 from tci.lab.authoring.proposal import propose
-from tci.messages import Mode
 from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
 from tci.robot.kinematics import KinematicChain
@@ -101,19 +99,22 @@ def test_a_sliding_jaw_has_the_limits_and_the_force_of_the_model(tmp_path: Path)
         assert model.joint("l").range == pytest.approx([0.0, 0.04])
 
 
-def test_a_gripper_holds_at_a_force_and_lets_go(tmp_path: Path) -> None:
+def test_a_pressed_gripper_lets_go_and_a_touched_palm_closes_it(tmp_path: Path) -> None:
     robot, _ = proposed(tmp_path, **SLIDES)
     with tci.connect(robot, "sim") as driver:
-        felt, bent = [], []
+        bent = []
 
         def see(tick: Tick) -> None:
-            felt.append(sum(forces_of(tick.perception.contacts).get("right_fingers", {}).values()))
             bent.append(float(tick.perception.posture["right_fingers"][3]))
+            if len(bent) == round(1.5 / driver.period):
+                driver.world.finger.poke("right_index_pad", 12)
 
-        driver.world.finger.poke("right_palm", 0, depth=0.004)
-        tci.run(driver, LightGrasp(), duration=3.0, observe=see)
-    assert max(bent) > 0.2
-    assert max(felt) > 0.3
+        result = tci.run(driver, FingerReflex(), duration=2.0, observe=see)
+    assert max(bent) == pytest.approx(np.deg2rad(3.0) + FingerReflex().curl, abs=0.02)  # it hangs
+    assert bent[-1] < 0.1, result
+    with tci.connect(robot, "sim") as driver:
+        driver.world.finger.poke("right_palm", 12, depth=0.004)
+        assert tci.run(driver, LightGrasp(), duration=0.8).moved
 
 
 @pytest.mark.parametrize(
@@ -155,4 +156,3 @@ def test_a_tip_with_a_motor_of_its_own_keeps_its_direction(tmp_path: Path) -> No
         position[maps.servos] = maps.to_robot(generic, position)
         turned.append([pose[:3, :3] for pose in chain.poses(position, ["lt", "rt"]).values()])
     assert np.array(turned[0]) == pytest.approx(np.array(turned[1]), abs=1e-6)
-    assert Mode.POSITION in robot.servos[0].modes

@@ -128,9 +128,9 @@ def _only(model: Model, joints: Sequence[Joint], first: str | None) -> Limb:
         )
     elif not names and (jaws := _jaws(model, joints)):
         message = (
-            f"{jaws}: as of a gripper, no three follow each other as in an arm, and there are fewer "
-            "than three fingers; valid: the model of the arm that carries it, where such joints stay at "
-            "zero, or a hand of at least three fingers"
+            f"{jaws}: no three follow each other as in an arm, and no two are jaws that move alike; valid: "
+            "two jaws on one link with parallel axes, at most 3 joints each, in a model of at most 0.35 m, "
+            "the model of the arm that carries them, or a hand of at least three fingers"
         )
     else:
         message = (

@@ -212,7 +212,9 @@ class _Mimics:
         """Returns `position` (..., n_servos) [rad] with the angles of the mimic joints appended."""
         if not self.count:
             return position
-        return np.concatenate([position, position[..., self._servos] * self._multiplier + self._offset], -1)
+        led = position[..., self._servos] * self._multiplier + self._offset
+        # A column alone, as of a gripper's one servo, would make the result's columns contiguous.
+        return np.ascontiguousarray(np.concatenate([position, led], -1))
 
     def folded(self, jacobian: Array) -> Array:
         """Returns the Jacobian (6, n_servos) of the servos, in which each servo also moves its mimic joints.

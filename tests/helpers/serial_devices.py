@@ -280,7 +280,8 @@ class Brainco(SerialDevice):
         slave, function, register, size = struct.unpack_from(">BBHH", request)
         if slave != self.slave or with_crc(request[:-2]) != request:
             return b""
-        words = [self.kind] if (function, register) == (3, 970) else self.memory().get(register)
+        own = {(3, 970): [self.kind], (4, 2000): [0, 100, 200, 400, 700, 1000]}
+        words = own.get((function, register), self.memory().get(register))
         if words is None or len(words) != size:
             return with_crc(bytes((slave, function | 0x80, 2)))
         words = words[self.short :] if function == 4 else words
@@ -288,7 +289,9 @@ class Brainco(SerialDevice):
 
     def may_be_sent(self, request: bytes) -> bool:
         slave, function, *asked = struct.unpack_from(">BBHH", request)
-        known = (function == 3 and asked == [970, 1]) or (function == 4 and tuple(asked) in self.touch)
+        known = (function == 3 and asked == [970, 1]) or (
+            function == 4 and tuple(asked) in self.touch | {(2000, 6)}
+        )
         return with_crc(request[:-2]) == request and slave in (0x7E, 0x7F) and known
 
 

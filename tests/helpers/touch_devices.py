@@ -359,7 +359,8 @@ class Linkerhand(TouchDevice):
 
     needs = "can"
     pads: ClassVar = {f"{one}_tip": 72 for one in ("thumb", "index", "middle", "ring", "little")}
-    options, code, columns = "", 0xC6, 6
+    options, code, columns = ",hand=L6", 0xC6, 6
+    angles = (250, 200, 150, 100, 50, 0)
     most = 255
 
     @property
@@ -380,6 +381,9 @@ class Linkerhand(TouchDevice):
                 if request is None:
                     continue
                 self.received.append(bytes((request.arbitration_id,)) + request.data)
+                if request.arbitration_id == 0x27 and request.data == b"\1":
+                    data = bytes((1, *self.angles))
+                    bus.send(can.Message(arbitration_id=0x27, data=data, is_extended_id=False))
                 if request.arbitration_id != 0x27 or request.data[1:] != bytes((self.code,)):
                     continue  # its client of another author also asks for angles
                 pad = [*self.pads][request.data[0] - 0xB1]
@@ -393,7 +397,8 @@ class Linkerhand(TouchDevice):
                     bus.send(can.Message(arbitration_id=0x27, data=head + data, is_extended_id=False))
 
     def may_be_sent(self, request: bytes) -> bool:
-        return request[0] == 0x27 and 0xB1 <= request[1] <= 0xB5 and request[2:] == bytes((self.code,))
+        touch = 0xB1 <= request[1] <= 0xB5 and request[2:] == bytes((self.code,))
+        return request[0] == 0x27 and (touch or request[1:] == b"\1")
 
 
 class LinkerhandO6(Linkerhand):

@@ -23,10 +23,12 @@ from helpers.touch_devices import INSPIRE, InspireHand, free_port
 from tci.capabilities import Capability, Need
 from tci.cli.main import app
 from tci.drivers.registry import source_at
+from tci.drivers.source_fingers import joints_of
 from tci.drivers.source_reader import SourceReader
 from tci.errors import DriverError
 from tci.messages import Order, Perception
 from tci.reasons import Code
+from tci.robot.description import Address, Binding
 from tci.robot.tactile_devices import device, in_rows
 from tci.runtime.loop import Tick
 
@@ -207,26 +209,25 @@ def test_a_hands_own_angles_place_its_touches_and_its_fingers_are_not_moved(hand
 
 def test_a_finger_that_moves_is_placed_where_it_was_when_it_felt(hand: InspireHand) -> None:
     """One sweep of the hand takes a tenth of a second, and the finger moves by 0.1 rad in it."""
-    begin, hand.breath = time.monotonic() + 1.5, 0.005
+    begins, hand.breath = [np.inf], 0.005
 
     def index(now: float) -> float:
-        return float(np.clip(1000.0 - 700.0 * (now - begin), 100.0, 1000.0))
+        return float(np.clip(1000.0 - 700.0 * (now - begins[-1]), 100.0, 1000.0))
 
     hand.angles = lambda: [1000, 1000, 1000, round(index(time.monotonic())), 1000, 1000]
     hand.values["index_top"][4] = 3000
     off: list[float] = []
-    with tci.connect("g1-inspire", f"sim + {hand.via},side=left") as driver:
+    with tci.connect("g1-inspire", f"sim + {hand.via},side=left", rate=100.0) as driver:
         judge, perceiver = Judge(driver), tci.Perceiver(tci.GenericBody(driver.robot))
-        for now in driver.ticks(duration=3.0):
+        frames = [driver.readers[0].pads[f"index_{pad}"] for pad in ("tip", "top", "pad")]
+        begins.append(time.monotonic() + 0.2)
+        for now in driver.ticks(duration=1.8):
             reading = driver.read()
-            frame = next(one for one in reading.skin if one.patch == "left_index_top")
-            found = [one for one in perceiver.step(reading, now).contacts if one.patch == frame.patch]
-            when = time.monotonic() - (driver.clock.now() - frame.stamp)
+            when = max(frame.stamp for frame in frames)
+            found = [one for one in perceiver.step(reading, now).contacts if one.patch == "left_index_top"]
             if found and index(when) > 200.0 and index(when - 0.3) < 1000.0:
-                angle = index(when)
-                there = judge.place(
-                    "left_index_force_sensor_2", found[0].p_L, [1000] * 3 + [angle] + [1000] * 2
-                )
+                counts = [1000.0] * 3 + [index(when)] + [1000.0] * 2
+                there = judge.place("left_index_force_sensor_2", found[0].p_L, counts)
                 off.append(float(np.linalg.norm(found[0].p_T - there)))
     assert len(off) > 20
     assert np.median(off) < 2e-3, "with the angles before the frame it would be 4.5 mm"
@@ -238,6 +239,24 @@ def test_pads_on_fingers_that_nobody_measures_are_told() -> None:
         (told,) = (one.what for one in driver.diagnose() if "place assumed" in one.what)
     assert "of 1 pads on fingers that nobody measures" in told
     assert "left_palm" not in told
+
+
+def test_a_servo_is_a_hands_joint_by_the_makers_name_or_by_its_address() -> None:
+    robot = tci.load_robot("g1-inspire")
+    names = {servo.index: servo.name for servo in robot.servos}
+    own = Binding(
+        middleware="brainco", rate=50, stale_after=0.1,
+        addresses=(Address(of="right_ring_1_joint", to="ring"),),
+    )  # fmt: skip
+    bound = robot.model_copy(update={"bindings": (*robot.bindings, own)})
+    found = {
+        names[servo]: one for servo, one in joints_of(bound, "brainco", "right", "brainco-revo2").items()
+    }
+    assert [*found] == ["right_ring_1_joint"]
+    assert [found["right_ring_1_joint"].angle(share) for share in (0.0, 1.0)] == [0.0, 1.41]
+    by_name = joints_of(robot, "inspire", "left", "inspire-rh56dftp")
+    assert sorted(names[servo] for servo in by_name) == sorted(f"left_{name}_joint" for name in RANGES)
+    assert not joints_of(robot, "inspire", "", "inspire-rh56dftp"), "which hand is not said"
 
 
 class Idle(Capability[None]):

@@ -21,7 +21,7 @@ from linkerbot import L6, O6
 from tci.drivers.source_reader import SourceReader
 from tci.sources.linkerhand.source import LinkerhandSource
 found = []
-for make, client, matrix in ((Linkerhand, L6, "12x6"), (LinkerhandO6, O6, "10x4")):
+for make, client, matrix, kind in ((Linkerhand, L6, "12x6", "L6"), (LinkerhandO6, O6, "10x4", "")):
     hand = make()
     hand.number()
     hand.plug()
@@ -34,11 +34,18 @@ for make, client, matrix in ((Linkerhand, L6, "12x6"), (LinkerhandO6, O6, "10x4"
         f"{names.get(one, one)}_tip": getattr(data, one).values.ravel().tolist()
         for one in ("thumb", "index", "middle", "ring", "pinky")
     }
+    if kind:
+        theirs_read["angles"] = theirs.angle.get_blocking(timeout_ms=5000).angles.to_raw()
     theirs.close()
-    source = LinkerhandSource(f"bus-{hand.port}", side="right", interface="virtual", matrix=matrix)
+    source = LinkerhandSource(
+        f"bus-{hand.port}", side="right", interface="virtual", matrix=matrix, hand=kind
+    )
     ours = SourceReader("hand", source, source.pads)
     ours.wait(5.0)
-    found.append([theirs_read, {pad: state.values.tolist() for pad, state in ours.pads.items()}])
+    ours_read = {pad: state.values.tolist() for pad, state in ours.pads.items()}
+    if kind:
+        ours_read["angles"] = [round(255 * angle) for angle in ours.track.latest.values()]
+    found.append([theirs_read, ours_read])
     ours.close()
     hand.unplug()
 print(json.dumps(found), flush=True)
@@ -55,6 +62,7 @@ def test_another_authors_client_reads_the_same_values() -> None:
     assert not done.returncode, done.stderr
     for (theirs, ours), size in zip(json.loads(done.stdout), (72, 40), strict=True):
         assert ours == theirs
+        assert ours.pop("angles", [250, 200, 150, 100, 50, 0]) == [250, 200, 150, 100, 50, 0]
         assert [len(values) for values in ours.values()] == 5 * [size]
 
 

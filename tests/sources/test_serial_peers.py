@@ -13,6 +13,7 @@ import pytest
 from helpers.peers import peer_python
 from helpers.serial_devices import (
     Anyskin,
+    Brainco,
     BraincoArray,
     BraincoCapacitive,
     BraincoForces,
@@ -100,9 +101,14 @@ async def read():
     items = await hand.get_touch_sensor_status(slave)
     normal = {one: [item.normal_force1] for one, item in zip(fingers, items)}
     return normal | {f"{one}_proximity": [item.self_proximity1] for one, item in zip(fingers, items)}
+async def angles():
+    hand = await sdk.modbus_open(port, sdk.Baudrate.Baud460800)
+    await hand.set_hardware_type(slave, getattr(sdk.StarkHardwareType, kind))
+    return await hand.get_finger_positions(slave)
 found = asyncio.run(read())
 side = "left" if slave == 0x7E else "right"
-print(json.dumps({f"{side}_{one}": values for one, values in found.items()}), flush=True)
+read = {f"{side}_{one}": values for one, values in found.items()}
+print(json.dumps(read | {"angles": asyncio.run(angles())}), flush=True)
 os._exit(0)
 """
 
@@ -137,9 +143,12 @@ def test_another_authors_client_reads_the_same_values(
         theirs = json.loads(found.stdout)
         reader = reader_of(device, axes)
         ours = {pad: state.values.tolist() for pad, state in reader.pads.items()}
+        angles = [round(1000 * angle) for angle in reader.track.latest.values()]
         reader.close()
     finally:
         device.unplug()
+    if issubclass(make, Brainco):
+        assert angles == theirs.pop("angles")
     assert ours == theirs
     assert sum(map(len, ours.values())) == sum(device.pads.values()) * (3 if axes else 1)
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,7 +34,7 @@ class FingerAngles:
     """Angles of the device's own joints."""
 
     angles: Mapping[str, float]
-    """By the names in `Source.joints`, in the device's own unit."""
+    """By the names in `Source.joints`, in the device's own unit: 0 to 1 if `Source.hand` has their angles."""
 
 
 class Source(ABC):
@@ -48,8 +47,10 @@ class Source(ABC):
     pads: Mapping[str, int] = {}
     """Number of values of each pad, by the device's own names. Empty if the pads have the names of the
     robot's patches, and before `find_pads` where devices differ."""
-    joints: ClassVar[tuple[str, ...]] = ()
+    joints: tuple[str, ...] = ()
     """The device's own joints, if it measures them."""
+    hand: str = ""
+    """The hand in the table of devices whose joints these are; empty if their angles are not there."""
     writes: str = "nothing"
     """What is sent to the device, in words. Nothing else may be: no zeroing, no calibration."""
     device: str = ""

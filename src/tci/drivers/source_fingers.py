@@ -11,17 +11,16 @@ from tci.messages import JointReading
 from tci.messages.frames import read_only
 from tci.robot.description import Robot
 from tci.robot.kinematics import KinematicChain
-from tci.robot.tactile_devices import DeviceJoint, devices
+from tci.robot.tactile_devices import DeviceJoint, hand_joints
 
 
-def joints_of(robot: Robot, name: str, side: str, device: str) -> dict[int, DeviceJoint]:
-    """The device's joint of each servo that the source `name` measures.
+def joints_of(robot: Robot, name: str, side: str, hand: str) -> dict[int, DeviceJoint]:
+    """The hand's joint of each servo that the source `name` measures.
 
     It is found by the servo's address in the robot's binding to the source or, without an address, by the
     servo's name: that of the maker's model, behind `side` if the robot has two hands. Joints without angles
     in the table of devices are left out.
     """
-    table = {joint.name: joint for one in devices() if one.name == device for joint in one.joints}
     bound = {
         servo.index: binding.address(servo.name, "")
         for binding in robot.bindings
@@ -29,7 +28,7 @@ def joints_of(robot: Robot, name: str, side: str, device: str) -> dict[int, Devi
         for servo in robot.servos
     }
     found: dict[int, DeviceJoint] = {}
-    for joint in table.values():
+    for joint in hand_joints(hand):
         fitting = [servo for servo, to in bound.items() if to == joint.name] or [
             servo.index
             for servo in robot.servos

@@ -131,7 +131,7 @@ class SourceReader:
         """Waits until every pad has sent a frame, and the joints their angles, at most `seconds`."""
         end = time.monotonic() + seconds
         while time.monotonic() < end and not (
-            all(pad.sequence for pad in self.pads.values()) and (self.track.latest or not self.source.joints)
+            all(pad.sequence for pad in self.pads.values()) and (self.track.latest or not self.source.hand)
         ):
             time.sleep(0.005)
 

@@ -213,7 +213,8 @@ class SourcedDriver(DriverWrapper):
             if one is reader:
                 pads[name] = pad
         source, open_to = reader.source, self._unmeasured(inner)
-        found = joints_of(inner.robot, via.name, via.side, source.device) if source.joints else {}
+        sides = (one for one in SIDES if all(pad.startswith(f"{one}_") for pad in source.pads))
+        found = joints_of(inner.robot, via.name, via.side or next(sides, ""), source.hand)
         return SourceFingers(
             inner.robot, reader, {servo: one for servo, one in found.items() if servo in open_to}, pads
         )

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +52,7 @@ class DevicePad:
 
 @dataclass(frozen=True, slots=True)
 class DeviceJoint:
-    """A joint that a device measures itself."""
+    """A joint that a hand measures itself."""
 
     name: str
     model: str
@@ -83,26 +83,35 @@ class Device:
     rest: int = 0
     """Raw value of a taxel that nothing touches."""
     newton_per_count: float | None = None
-    joints: tuple[DeviceJoint, ...] = ()
-    """Joints that it measures itself, in its own order."""
+
+
+@cache
+def _table() -> dict[str, Any]:
+    return tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+
+
+@cache
+def hand_joints(hand: str) -> tuple[DeviceJoint, ...]:
+    """The joints that a hand measures itself, in its own order; none of a hand that the table lacks."""
+    return tuple(
+        DeviceJoint(joint["name"], joint["model"], (joint["rad"][0], joint["rad"][1]))
+        for one in _table()["hand"]
+        if one["name"] == hand
+        for joint in one["joint"]
+    )
 
 
 @cache
 def devices() -> tuple[Device, ...]:
     """All devices of the table."""
-    table = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
     return tuple(
         Device(
             name=one["name"], title=one["title"], sources=tuple(one["sources"]),
             values=(one["values"][0], one["values"][1]), rest=one.get("rest", 0),
             newton_per_count=one.get("newton_per_count"),
             pads=tuple(_pad(dict(pad)) for pad in one["pad"]),
-            joints=tuple(
-                DeviceJoint(joint["name"], joint["model"], (joint["rad"][0], joint["rad"][1]))
-                for joint in one.get("joint", ())
-            ),
         )
-        for one in table["device"]
+        for one in _table()["device"]
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.drivers.diagnosis import Finding
-from tci.drivers.source import Sample, Source
+from tci.drivers.source import FingerAngles, Sample, Source
 from tci.errors import DriverError, FrameError
 from tci.shared.axes import along, values_per_point
 from tci.shared.serial_port import SerialPort
@@ -28,6 +28,9 @@ KIND = 970
 CAPACITIVE, PRESSURE, ARRAY, FORCES = 1, 2, 3, 4
 """Normal force and proximity of a finger; 9 points of pressure, and 46 on the palm; one force of a finger; 31
 forces, and none on the thumb."""
+ANGLES = 2000
+JOINTS = ("thumb", "thumb_aux", "index", "middle", "ring", "little")
+"""Order of the angles from this register, 0 to 1000; 0 is open (the maker's PyPI bc-stark-sdk 2.0.8)."""
 FORCE_POINTS = 31
 PATIENCE = 0.2
 """Longest time [s] until an answer."""
@@ -48,8 +51,10 @@ class BraincoSource(Source):
 
     writes = (
         "requests to read the kind of sensor (function 3, register 970) and its values (function 4, "
-        "registers 4200, 6010, 7200 to 7561 or 8100)"
+        "registers 4200, 6010, 7200 to 7561 or 8100), and its angles (function 4, register 2000)"
     )
+    joints = JOINTS
+    hand = "brainco-revo2"
 
     def __init__(self, address: str = "", *, baud: str = "460800", slave: str = "", axes: str = "z") -> None:
         """
@@ -100,11 +105,13 @@ class BraincoSource(Source):
             return
         raise DriverError(f"no hand answers on {self.address}; check its power, and baud={self._speed}")
 
-    def read(self) -> Iterator[Sample]:
+    def read(self) -> Iterator[Sample | FingerAngles]:
         side = f"{HANDS[self._slaves[0]]}_"
         for pad, values in self._values():
             if side + pad in self.pads:
                 yield Sample(side + pad, values)
+        angles = self._registers(VALUES, ANGLES, len(JOINTS)).astype(float) / 1000.0
+        yield FingerAngles(dict(zip(JOINTS, angles.tolist(), strict=True)))
 
     def _values(self) -> Iterator[tuple[str, NDArray[np.generic]]]:
         if self._kind == CAPACITIVE:

@@ -59,7 +59,7 @@ class InspireSource(Source):
 
     pads: Mapping[str, int] = {pad: size for pad, (_, size) in REGISTERS.items()}
     joints = JOINTS
-    device = "inspire-rh56dftp"
+    device = hand = "inspire-rh56dftp"
     writes = "requests to read (function 3) the touch registers 3000 to 5123 and the angles at 1546"
 
     def __init__(self, address: str = "", *, side: str = "") -> None:

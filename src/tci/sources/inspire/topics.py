@@ -12,7 +12,7 @@ from cyclonedds.idl import IdlStruct
 
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.source import FingerAngles, Sample
-from tci.robot.tactile_devices import device
+from tci.robot.tactile_devices import hand_joints
 from tci.shared import inspire_dds
 from tci.shared.interface_node import InterfaceNode, latest
 from tci.shared.interfaces import check_interface
@@ -28,7 +28,7 @@ class InspireTopics:
 
     def __init__(self, interface: str, domain: int, side: str) -> None:
         self._interface, self._domain, self._side = interface, domain, side
-        self._names = [joint.name for joint in device(inspire_dds.DEVICE).joints]
+        self._names = [joint.name for joint in hand_joints(inspire_dds.DEVICE)]
         self._node: InterfaceNode | None = None
         self._reader: Any = None
         self._states: Any = None

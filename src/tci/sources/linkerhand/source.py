@@ -14,7 +14,7 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.drivers.source import Sample, Source
+from tci.drivers.source import FingerAngles, Sample, Source
 from tci.errors import DriverError, FrameError
 from tci.shared.serial_ports import can_channels
 
@@ -22,6 +22,14 @@ HANDS = {"right": 0x27, "left": 0x28}
 FINGERS = {"thumb": 0xB1, "index": 0xB2, "middle": 0xB3, "ring": 0xB4, "little": 0xB5}
 MATRICES = {"12x6": (0xC6, 12, 6), "10x4": (0xA4, 10, 4)}
 """Code of the request, rows, columns: nearly all hands; the O6."""
+ANGLES = 0x01
+"""Code of the request for angles. With values behind it, it would move the joints: none are sent."""
+L6 = (
+    "thumb_cmc_pitch",
+    "thumb_cmc_yaw",
+    *(f"{one}_mcp_pitch" for one in ("index", "middle", "ring", "pinky")),
+)
+"""Joints of the L6, in the order of its answer: 0 to 255, and 255 is open."""
 BITRATE = 1_000_000
 PATIENCE = 0.1
 """Longest time [s] until a finger is complete: 20 ms on another author's bus."""
@@ -36,28 +44,38 @@ class LinkerhandSource(Source):
     device = "linkerhand"
 
     def __init__(
-        self, address: str = "", *, side: str = "", matrix: str = "12x6", interface: str = "socketcan"
+        self,
+        address: str = "",
+        *,
+        side: str = "",
+        matrix: str = "12x6",
+        hand: str = "",
+        interface: str = "socketcan",
     ) -> None:
         """
         Args:
             address: The channel, such as can0.
             side: Which hand, left or right: both may be on one bus.
             matrix: 12x6, or 10x4 for the O6.
+            hand: L6 to read the angles of its joints too; others have other joints.
             interface: The kind of adapter, by its name in python-can.
 
         Raises DriverError for an option that can't be meant.
         """
         super().__init__(address)
-        if not address or side not in HANDS or matrix not in MATRICES:
+        if not address or side not in HANDS or matrix not in MATRICES or hand not in ("", "L6"):
             raise DriverError(
                 f"linkerhand:{address},side={side},matrix={matrix}; valid: linkerhand:can0,side=left or "
-                f"side=right, matrix={' or '.join(MATRICES)}"
+                f"side=right, matrix={' or '.join(MATRICES)}, hand=L6"
             )
         self._id, self._interface = HANDS[side], interface
         self._code, self._rows, self._columns = MATRICES[matrix]
         self.pads = {f"{finger}_tip": self._rows * self._columns for finger in FINGERS}
         if matrix == "10x4":
             self.device = "linkerhand-o6"
+        if hand:
+            self.hand, self.joints = "linkerhand-l6", L6
+            self.writes = f"{type(self).writes}; and the angles of its joints, 01"
         self._bus: can.BusABC | None = None
         self._echoes = 0
         """Requests that came back in this sweep."""
@@ -71,7 +89,7 @@ class LinkerhandSource(Source):
         except can.CanError as error:
             raise DriverError(f"{error}; {advice}") from error
 
-    def read(self) -> Iterator[Sample]:
+    def read(self) -> Iterator[Sample | FingerAngles]:
         """One sweep. Raises FrameError if rows got lost, DriverError if the hand says nothing at all."""
         lost, heard = [], False
         self._echoes = 0
@@ -91,6 +109,8 @@ class LinkerhandSource(Source):
                 f"{said} from the hand with the id 0x{self._id:02x}: power it, then replug the adapter; or "
                 "try the other side="
             )
+        if self.joints and (angles := self._angles()) is not None:
+            yield FingerAngles(dict(zip(self.joints, angles, strict=True)))
         if lost:
             raise FrameError(f"rows of the {', '.join(lost)} are missing or have not {self._columns} values")
 
@@ -117,3 +137,18 @@ class LinkerhandSource(Source):
             if message.data[0] == finger and row == len(rows) and len(message.data) == 2 + self._columns:
                 rows.append(np.frombuffer(message.data, np.uint8, offset=2))
         return rows
+
+    def _angles(self) -> list[float] | None:
+        """0 to 1, in the order of the joints; None if no answer came in time. Some hands answer 8 above their
+        own id."""
+        if self._bus is None:
+            raise ConnectionResetError("not open")
+        self._bus.send(can.Message(arbitration_id=self._id, data=(ANGLES,), is_extended_id=False))
+        end = time.monotonic() + PATIENCE
+        while (left := end - time.monotonic()) > 0:
+            message = self._bus.recv(left)
+            if message is None or message.arbitration_id not in (self._id, self._id + 8):
+                continue
+            if message.data[:1] == bytes((ANGLES,)) and len(message.data) == 1 + len(self.joints):
+                return [value / 255.0 for value in message.data[1:]]
+        return None

@@ -19,7 +19,7 @@ from tci.errors import DriverError, FrameError
 from tci.messages import SkinFrame
 from tci.messages.frames import Array, read_only
 from tci.robot.description import Robot
-from tci.robot.tactile_devices import device
+from tci.robot.tactile_devices import hand_joints
 from tci.shared.inspire_dds import DEVICE, FULL, PADS, STATE, TOUCH, pads_in, state_in, topic
 from tci.shared.interface_node import InterfaceNode, latest
 from tci.wires.unitree.motors import INSPIRE, SIDES, inspire_joint
@@ -71,14 +71,14 @@ def inspire_pads(robot: Robot, side: str) -> dict[str, str]:
 
 def radians(places: NDArray[np.intp], values: Array) -> Array:
     """Angles (k,) [rad] of the joints at `places` (k,), from the `values` (k,) of a message."""
-    joints = device(DEVICE).joints
+    joints = hand_joints(DEVICE)
     pairs = zip(places.tolist(), values.tolist(), strict=True)
     return np.array([joints[place].angle(value / FULL) for place, value in pairs])
 
 
 def counts(places: NDArray[np.intp], angles: Array) -> NDArray[np.int16]:
     """Values (k,) for a message, 0 to `FULL`, from the angles (k,) [rad] of the joints at `places` (k,)."""
-    joints = device(DEVICE).joints
+    joints = hand_joints(DEVICE)
     pairs = zip(places.tolist(), angles.tolist(), strict=True)
     return np.array([round(FULL * joints[place].share(angle)) for place, angle in pairs], np.int16)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import DriverError
-from tci.robot.tactile_devices import device
+from tci.robot.tactile_devices import hand_joints
 from tci.shared.inspire_dds import DEVICE
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ FINGER_MOTORS = tuple(f"{finger}_{joint}" for finger, joints in (("thumb", 3), (
 """Motors of a Dex3 hand. In this order of the vendor, the middle finger is before the index finger on both
 hands. Other sources have the opposite order on the right hand. Therefore `tci check --hardware` moves each
 motor and asks the operator which finger moved."""
-INSPIRE = {joint.model: joint.name for joint in device(DEVICE).joints}
+INSPIRE = {joint.model: joint.name for joint in hand_joints(DEVICE)}
 """Joints of an Inspire hand, by their usual names behind the side, in the order of its messages."""
 FINGER_GAINS = np.array([1.5, 0.1])
 """Gains (2,) of a finger's motor for full stiffness [N m/rad] and full damping [N m s/rad], from the vendor's

@@ -180,7 +180,7 @@ def test_an_orca_hand_tells_the_angles_of_its_joints() -> None:
     device.plug()
     try:
         reader = reader_of(device)
-        angles: dict[str, Any] = dict(reader.angles)
+        angles: dict[str, Any] = dict(reader.track.latest)
         reader.close()
     finally:
         device.unplug()

@@ -12,16 +12,13 @@ from collections.abc import Iterable
 import numpy as np
 
 from tci.errors import DescriptionError
+from tci.gate.contact.balance import LOADED
 from tci.messages import Contact, Support
 from tci.messages.frames import Array, apply
 from tci.robot.description import SOLE
 from tci.robot.gravity import Gravity
 from tci.robot.joint_map import joint_map
 from tci.skin.skin import Skin
-
-LOADED = 1.0
-"""Least force [N] at which a sole counts as loaded. Assumed: the force of a foot that stands on the ground is
-far larger than this, and noise is smaller."""
 
 
 class StaticStability:

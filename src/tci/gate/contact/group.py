@@ -37,7 +37,12 @@ class Group:
 
     servos: NDArray[np.intp]
     parts: tuple[str, ...]
+    wanted: Literal["retreat", "soft", "stop"] = "retreat"
+    """What it does that made a contact."""
+    waist: bool = False
+    """It carries the upper body of a robot that stands."""
     answer: Literal["retreat", "soft", "stop"] = "retreat"
+    """What it does now."""
     path: Path = field(default_factory=Path)
     noticing: Noticing = field(default_factory=Noticing)
     softness: Softness = field(default_factory=Softness)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import UnknownNameError
+from tci.gate.contact.balance import Balance
 from tci.gate.contact.bearing import Bearing
 from tci.gate.contact.felt import Felt, FeltForces
 from tci.gate.contact.following import CLEAR, PROGRESS, Following
@@ -31,7 +32,7 @@ from tci.gate.joint_monitor import Reference
 from tci.messages import Answer, Contacts, JointReading, Met
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
-from tci.robot.description import Robot
+from tci.robot.description import Patch, Robot
 from tci.robot.joint_calibration import Tool
 
 SETTLES = 0.12
@@ -86,11 +87,15 @@ class ContactReaction:
             if name not in parts:
                 raise UnknownNameError("part", name, parts)
             for number in parts[name]:
-                self._groups[number].answer = answer
+                self._groups[number].wanted = answer
+        for part in robot.parts:
+            for number in parts[part.name] if part.kind == "torso" else ():
+                self._groups[number].waist = True
         self._forces = FeltForces(parts, lambda number: self._moves(self._groups[number]))
         self._following = Following(
             len(robot.servos), held=settings.held, lag=settings.lag, known=settings.stands
         )
+        self._balance, self._soles = Balance(robot), list[Patch]()
         self._things = Things(robot, settings.fixtures)
         self._bearing = Bearing(robot, known=settings.stands)
         self.load({})
@@ -172,6 +177,7 @@ class ContactReaction:
             return [], []
         self._stamp = joints.stamp
         felt = self._forces.step(contacts)
+        self._soles = self._balance.loaded(contacts)
         freeing, self._freeing = self._freeing, False
         bent = self._following.bent(joints)
         bears = self._bearing.more(joints, self._settings.lag)
@@ -266,6 +272,7 @@ class ContactReaction:
             )  # fmt: skip
             return goal, None
         group.sag, group.before, group.push = Sag(), self._bearing.before, seen.push
+        group.answer = "stop" if group.waist and self._soles else group.wanted
         group.thing = None if group.slow else self._thing(group, seen)
         if group.answer == "stop" and not group.slow:
             goal = self._references(group, seen)
@@ -273,10 +280,18 @@ class ContactReaction:
             goal = seen.here
         else:
             goal = self._back(group, seen, before, pulled=pulled)
+            if self._tips(group, seen, goal):
+                goal, group.answer = seen.here, "soft"
         group.first = First(seen.felt.of(seen.felt.own), seen, self._now)
         self._begin(group, goal)
         does = DOES["stop" if group.thing else group.answer]
         return goal, Reason(Code.CONTACT, f"{group.name} met {group.thing or 'something'}: {what}; it {does}")
+
+    def _tips(self, group: Group, seen: Seen, goal: Array) -> bool:
+        """True if a standing robot would not stand any more with the group at `goal` (k,) [rad]."""
+        there = seen.joints.position.copy()
+        there[group.servos] = goal
+        return self._balance.tips(self._soles, seen.joints.position, there)
 
     def _thing(self, group: Group, seen: Seen) -> str | None:
         """What the group met if nobody is to be freed there, in words."""
@@ -368,7 +383,7 @@ class ContactReaction:
                     return group.goes(group.first.room(here)) if leaves else self._leave(group, seen)
                 if group.path:
                     goal = self._back(group, seen, np.inf, pulled=held)
-                    if np.abs(goal - here).max() > STEP:
+                    if np.abs(goal - here).max() > STEP and not self._tips(group, seen, goal):
                         return group.goes(goal)
                 if bent and not held:
                     return group.goes(group.first.room(here))

@@ -1,0 +1,103 @@
+"""A standing robot frees whom an arm meets without falling on somebody."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from helpers.gate_checks import position_command, reading
+from tci.body.support import inside
+from tci.gate.contact.settings import ContactSettings
+from tci.gate.gate import Gate, GateSettings
+from tci.messages import Contacts
+from tci.messages.contacts import CONTACT, TAXEL, Site
+from tci.messages.frames import Array, apply
+from tci.reasons import Code
+from tci.robot.catalogue import load_robot
+from tci.robot.description import Robot
+from tci.robot.gravity import Gravity
+from tci.robot.joint_map import initial_position
+from tci.robot.kinematics import KinematicChain
+from tci.skin.surfaces import surfaces_of
+
+ROBOT = load_robot("nao-whole")
+PLACE = {servo.name: servo.index for servo in ROBOT.servos}
+ARM, ANKLE = PLACE["LShoulderPitch"], PLACE["LAnklePitch"]
+SOLE = next(one for one in surfaces_of(ROBOT) if one.patch == "left_sole")
+PERIOD = 0.01
+START, HELD = 30.0, 60.0
+"""The arm goes down, from somewhat before the robot, and is held on its way [degrees]."""
+
+
+def margin(angles: Array) -> float:
+    """Of the centre of mass over the left sole [m], by the convex hull of its taxels."""
+    pose = KinematicChain(ROBOT).poses(angles, [SOLE.link])[SOLE.link]
+    down = (SOLE.normals @ pose[:3, :3].T).mean(axis=0)
+    return inside(Gravity(ROBOT).centre_of_mass(angles), apply(pose, SOLE.positions), down)
+
+
+def leaning(arm: float) -> Array:
+    """Angles on the left foot, leaning until the centre of mass is over the sole's edge with the arm at `arm`
+    [degrees]."""
+    angles = turned(np.array(initial_position(ROBOT)), ARM, np.deg2rad(arm))
+    angles[PLACE["LAnkleRoll"]] = np.deg2rad(12.0)
+    stands, falls = np.deg2rad([-20.0, -40.0])
+    for _ in range(30):
+        middle = 0.5 * (stands + falls)
+        stands, falls = (middle, falls) if margin(turned(angles, ANKLE, middle)) > 0.0 else (stands, middle)
+    return turned(angles, ANKLE, stands)
+
+
+def turned(angles: Array, place: int, value: float) -> Array:
+    changed = angles.copy()
+    changed[place] = value
+    return changed
+
+
+def standing(force: float) -> Contacts:
+    rows = np.zeros(1, CONTACT)
+    rows["identity"], rows["force"] = 3, force
+    site = Site("left_sole", "left_leg", "foot")
+    return Contacts(
+        (site,), np.zeros(1), np.zeros(1, np.int64), rows, np.zeros(2, np.int64), np.zeros(0, TAXEL)
+    )
+
+
+def met(
+    angles: Array, force: float, servo: int, *, goal: float, at: float, robot: Robot = ROBOT
+) -> tuple[str, float]:
+    """What is told, and the reference [rad] in the end of a joint that goes to `goal` [rad] and is held."""
+    settings = GateSettings(contact=ContactSettings())
+    gate = Gate(robot, period=PERIOD, stale_after=0.1, settings=settings, streams=True)
+    angles, told, upwards = angles.copy(), list[str](), goal > at
+    for step in range(150):
+        orders = [position_command([servo], [goal])] if step == 0 else []
+        now = step * PERIOD
+        safe = gate.step(orders, reading(angles, now), now, contacts=standing(force))
+        angles[safe.servos] = safe.position
+        angles[servo] = min(angles[servo], at) if upwards else max(angles[servo], at)
+        told += [one.text for one in safe.clamped if one.code is Code.CONTACT]
+    return told[0], float(safe.position[safe.servos.tolist().index(servo)])
+
+
+def test_an_arm_of_a_standing_robot_goes_back_only_if_it_still_stands() -> None:
+    angles, at = leaning(HELD - 1.5), np.deg2rad(HELD)
+    assert margin(turned(angles, ARM, at)) > 0.0 > margin(turned(angles, ARM, at - np.deg2rad(3.0)))
+    begins = turned(angles, ARM, np.deg2rad(START))
+    told, rests = met(begins, 0.5, ARM, goal=np.deg2rad(90.0), at=at)
+    assert told.endswith("it goes back"), "no sole is loaded"
+    assert rests < at - np.deg2rad(2.5)
+    told, rests = met(begins, 50.0, ARM, goal=np.deg2rad(90.0), at=at)
+    assert told.endswith("it gives way")
+    assert abs(rests - at) < np.deg2rad(0.5)
+    told, rests = met(begins, 50.0, PLACE["RShoulderPitch"], goal=np.deg2rad(20.0), at=np.deg2rad(45.0))
+    assert told.endswith("it goes back"), "the other arm's way leads back over the sole"
+
+
+def test_the_waist_of_a_standing_robot_stays_stiff() -> None:
+    robot = load_robot("icub-whole")
+    waist = next(servo.index for servo in robot.servos if servo.name == "torso_pitch")
+    for force, does in ((50.0, "it stops"), (0.0, "it goes back")):
+        angles, at = np.array(initial_position(robot)), np.deg2rad(10.0)
+        told, rests = met(angles, force, waist, goal=np.deg2rad(30.0), at=at, robot=robot)
+        assert told.endswith(does)
+        assert bool(rests > at) is bool(force)

@@ -139,13 +139,14 @@ def new_robot(
     from tci.cli.skin_find import pads_as_json
     from tci.lab.authoring.assumed_limits import assumed_limits
     from tci.lab.authoring.check_skin import spans
-    from tci.lab.authoring.find_arm import FORWARD, Mount
+    from tci.lab.authoring.find_arm import FORWARD
     from tci.lab.authoring.find_pads import find_pads
     from tci.lab.authoring.left_out import left_out
     from tci.lab.authoring.pad_patches import table_of
     from tci.lab.authoring.proposal import propose
     from tci.lab.authoring.sleeves import assumed_skins
     from tci.lab.commissioning.plausibility import doubts
+    from tci.robot.description import Mount
     from tci.robot.generic_arm import Side
     from tci.robot.mesh_files import NO_MESHES
     from tci.robot.xml import read_robot

@@ -62,6 +62,8 @@ def skin_to_mjcf(robot: RobotLike) -> str:
     """
     robot, worn = _worn(robot)
     spec = solid_spec(robot)
+    if robot.model is not None and robot.model.stands_on is not None:  # it belongs to a scene
+        spec.delete(spec.body(robot.model.stands_on))
     for geom in spec.geoms:
         solid = bool(geom.contype or geom.conaffinity)
         geom.contype, geom.conaffinity = int(solid), 0

@@ -1,7 +1,8 @@
 """Selection of the links of a robot that can collide: the arms with all other links, and the arms with each
 other.
 
-Links next to a joint overlap by construction, so these collisions are excluded:
+An arm that stands alone can also collide with the table, wall or ceiling that carries it. Links next to a
+joint overlap by construction, so these collisions are excluded:
 
 - links of one arm with each other
 - the first link of an arm with any link
@@ -21,6 +22,7 @@ from tci.robot.hulls import HULL_VERTICES, keep_hulls
 from tci.robot.joint_map import initial_position
 from tci.robot.kinematics import bare_model, joints_of
 from tci.robot.model_file import compiled, load_spec
+from tci.robot.mounting import add_mounting
 from tci.support.engine import mujoco
 
 LEFT, RIGHT, SKIN, GROUND, PERSON = 1, 2, 4, 8, 16
@@ -75,6 +77,7 @@ def solid_spec(robot: Robot, *, shown: bool = False, mimics: bool = True) -> muj
         keep_hulls(spec)
     for patch in thick_pads(robot):
         _add_pad(spec, patch)
+    add_mounting(spec, robot.model, group=HIDDEN)
     _set_self_collisions(spec, robot)
     return spec
 

@@ -5,23 +5,41 @@ from __future__ import annotations
 
 from itertools import product
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 
+import tci
 from tci.errors import DescriptionError
-from tci.lab.authoring.find_arm import Mount
 from tci.lab.authoring.proposal import propose
 from tci.lab.experiments.verdict import judge
 from tci.messages import JointReading
 from tci.messages.frames import Array
-from tci.robot.description import Robot
+from tci.robot.description import Mount, Robot
 from tci.robot.generic_arm import Side
 from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import KinematicChain
 from tci.skin.skin import Skin
 
 UPPER, FORE = 0.3, 0.25
+
+
+class Ask(tci.Capability[bool]):
+    """Gives one command."""
+
+    def __init__(self, command: tci.GenericCommand) -> None:
+        self.command = command
+
+    def init(self, body: tci.GenericBody) -> bool:
+        return False
+
+    def step(
+        self, memory: bool, perception: tci.Perception, body: tci.GenericBody
+    ) -> tuple[tuple[tci.GenericCommand, ...], bool]:
+        return () if memory else (self.command,), True
+
+
 PAN, LIFT, ELBOW = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)
 
 
@@ -106,6 +124,42 @@ def test_skin_of_an_arm_of_the_shape_of_an_l_faces_away_from_its_own_axis(tmp_pa
     theta = skin.limb("left_upper_arm", joints)[1]
     alike = [abs(np.exp(1j * (theta + sign * facing)).mean()) for sign in (1.0, -1.0)]
     assert max(alike) > 0.99
+
+
+OUTWARD = {"table": (0.0, 0.0, 1.0), "wall": (1.0, 0.0, 0.0), "ceiling": (0.0, 0.0, -1.0)}
+
+
+@pytest.mark.parametrize("mount", get_args(Mount))
+def test_the_gate_keeps_an_arm_from_what_carries_it(mount: Mount, tmp_path: Path) -> None:
+    """The base has no shapes, so the surface is at its origin; the last link is a tube of 0.1 m with a radius
+    of 30 mm."""
+    robot = propose(made(tmp_path, turns=False), name="arm", mount=mount)
+    down = np.deg2rad([0.0, -60.0, 0.0, 0.0, 0.0])
+    with tci.connect(robot, "sim") as driver:
+        result = tci.run(driver, Ask(tci.GenericCommand("left_arm", "position", down)), duration=1.6)
+        position = driver.read().joints.position
+    assert f"near {mount}; valid: at least 5 mm" in str(result)
+    poses = KinematicChain(robot).poses(position, ["base", "wrist"])
+    along = poses["wrist"][:3, 2] @ OUTWARD[mount]
+    tip = (poses["wrist"][:3, 3] - poses["base"][:3, 3]) @ OUTWARD[mount] + 0.1 * along
+    assert 0.004 < tip - 0.03 * np.sqrt(1.0 - along**2) < 0.015  # the lowest point of the last tube
+
+
+def test_an_arm_on_a_cart_stands_on_nothing_flat(tmp_path: Path) -> None:
+    path = made(tmp_path, turns=False)
+    text = path.read_text().replace("<robot name='arm'>", "<robot name='arm'><link name='cart'/>")
+    inertia = "<inertia ixx='0.01' iyy='0.01' izz='0.01' ixy='0' ixz='0' iyz='0'/>"
+    wheel = (
+        "<joint name='fixed' type='fixed'><parent link='cart'/><child link='base'/></joint>"
+        f"<link name='tyre'><inertial><mass value='1'/>{inertia}</inertial></link>"
+        "<joint name='wheel' type='continuous'><parent link='cart'/>"
+        "<child link='tyre'/><axis xyz='0 1 0'/><limit effort='10' velocity='5'/></joint></robot>"
+    )
+    path.write_text(text.replace("</robot>", wheel))
+    for mount in (None, "table"):
+        robot = propose(path, name="arm", mount=mount)
+        assert robot.model.stands_on is None
+        assert [part.name for part in robot.parts if part.kind == "arm"] == ["left_arm"]
 
 
 def test_an_arm_that_hangs_in_its_model_is_on_a_ceiling_and_forward_is_by_choice(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 
@@ -20,13 +20,13 @@ from tci.lab.authoring.limb_kind import is_named_as
 from tci.lab.authoring.link_points import LinkPoints
 from tci.lab.authoring.sleeves import COVER
 from tci.messages.frames import Array
-from tci.robot.description import Model
+from tci.robot.description import Model, Mount
 from tci.robot.generic_arm import Side
 from tci.robot.kinematics import bare_model
+from tci.robot.mounting import OUTWARD
 from tci.robot.shoulder import SLANT, nearest_point
 from tci.support.engine import mujoco
 
-Mount = Literal["table", "wall", "ceiling"]
 FORWARD = ("x", "y", "-x", "-y", "z", "-z")
 """Names of the axes of the model's root that may point forward; on a wall, up."""
 UPRIGHT = 0.9
@@ -99,7 +99,25 @@ def find_arm(
         R_RH=R_RH,
         T_ET=pose,
         outward=R_RH.T @ outward,
+        mounted=_mounted(compiled, joints[limb.ball[0]].link, torso, points, R_RH, mount),
     )
+
+
+def _mounted(
+    compiled: mujoco.MjModel, arm: str, torso: int, points: LinkPoints, R_RH: Array, mount: Mount
+) -> tuple[Mount, float] | None:
+    """What carries the arm that begins at the link `arm`, and where: behind all shapes of its base. None if
+    the base moves, or other joints of the model don't belong to the arm: then its base is a robot."""
+    moved = {compiled.body(arm).id}
+    for body in range(1, compiled.nbody):
+        if int(compiled.body_parentid[body]) in moved:
+            moved.add(body)
+    if compiled.body_weldid[torso] or not set(compiled.jnt_bodyid.tolist()) <= moved:
+        return None
+    fixed = [compiled.body(one).name for one in range(1, compiled.nbody) if not compiled.body_weldid[one]]
+    begin = points.link_pose(compiled.body(torso).name)[1]
+    heights = (points.of(fixed) - begin) @ R_RH @ OUTWARD[mount]
+    return mount, float(heights.min(initial=0.0)) * float(OUTWARD[mount].sum())
 
 
 def _only(model: Model, joints: Sequence[Joint], first: str | None) -> Limb:

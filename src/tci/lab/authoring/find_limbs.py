@@ -21,7 +21,7 @@ from tci.lab.authoring.limb import Limb, limb_at
 from tci.lab.authoring.limb_kind import Pair, Vote, hangs_as, is_named_as, is_named_so, listed, named_as
 from tci.lab.authoring.link_points import LinkPoints
 from tci.messages.frames import Array, rotation_x, rotation_z
-from tci.robot.description import Model
+from tci.robot.description import Model, Mount
 from tci.robot.generic_arm import Side
 from tci.robot.kinematics import bare_model
 from tci.support.engine import mujoco
@@ -67,6 +67,9 @@ class FoundLimbs:
     outward: Array | None = None
     """Unit vector (3,) in the frame H along the pan of an arm that stands alone, away from what carries it;
     None for a humanoid."""
+    mounted: tuple[Mount, float] | None = None
+    """What carries an arm that stands alone, and the place [m] of its surface (`Model.stands_at`); None for a
+    robot's arm."""
     hand: Side | None = None
     """Side of a hand that is alone: all joints are its fingers'."""
 

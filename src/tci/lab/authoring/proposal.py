@@ -13,7 +13,7 @@ from pathlib import Path
 
 from tci.errors import DescriptionError, Fault
 from tci.lab.authoring.assumed_limits import mended, twins_of
-from tci.lab.authoring.find_arm import Mount, find_arm
+from tci.lab.authoring.find_arm import find_arm
 from tci.lab.authoring.find_hand import find_hand
 from tci.lab.authoring.find_jaws import Gripper, find_gripper, lone_gripper
 from tci.lab.authoring.find_limbs import FoundLimbs, NoPairError, find_limbs
@@ -40,7 +40,7 @@ from tci.lab.authoring.proposed_parts import hand, leg, middle, wrist
 from tci.lab.authoring.sleeves import sleeves
 from tci.messages import Mode
 from tci.messages.frames import rpy_of
-from tci.robot.description import GenericPart, Model, Patch, Robot, Servo
+from tci.robot.description import GenericPart, Model, Mount, Patch, Robot, Servo
 from tci.robot.generic_arm import Side
 from tci.robot.model_format import model_format
 
@@ -76,11 +76,13 @@ def propose(
     points = LinkPoints(model)
     body = _body(model, points, arms, side=side, mount=mount, forward=forward)
     rpy, xyz = rpy_of(body.T_ET[:3, :3]), body.T_ET[:3, 3]
-    frame = {
+    frame: dict[str, object] = {
         "torso_link": body.torso_link,
         "torso_rpy": tuple(round(float(angle), 9) for angle in rpy),
         "torso_xyz": tuple(round(float(place), 6) for place in xyz),
     }
+    if body.mounted is not None:
+        frame |= {"stands_on": body.mounted[0], "stands_at": round(body.mounted[1], 6)}
     model = model.model_copy(update=frame)
     facts = mended(read_facts(model, points.compiled), twins_of(body) if body.is_humanoid else {})
     hands = find_hands(body, facts, points, str(path), trust=trust_fingers)

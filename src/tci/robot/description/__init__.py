@@ -18,7 +18,7 @@ from tci.robot.description.part import (
     Term,
 )
 from tci.robot.description.patch import SOLE, Grid, Patch, Table, TriangularModules, TruncatedCone
-from tci.robot.description.robot import Attachment, Model, Robot
+from tci.robot.description.robot import Attachment, Model, Mount, Robot
 from tci.robot.description.sensor import THROUGH_JOINTS, Sensor
 from tci.robot.description.servo import Coupling, Limits, Mimic, Servo
 
@@ -41,6 +41,7 @@ __all__ = [
     "Limits",
     "Mimic",
     "Model",
+    "Mount",
     "Patch",
     "Robot",
     "Segment",

@@ -15,6 +15,9 @@ from tci.robot.description.part import GenericPart, Segment
 from tci.robot.description.patch import Patch
 from tci.robot.description.servo import Coupling, Servo
 
+Mount = Literal["table", "wall", "ceiling"]
+"""Flat fixed body on which the base of one arm is mounted."""
+
 
 class Attachment(Description):
     """An additional model that is fixed to a link of the robot's model."""
@@ -52,6 +55,12 @@ class Model(Description):
     link."""
     torso_xyz: Vector = (0.0, 0.0, 0.0)
     """Origin [m] of the torso frame, in the frame of the torso link."""
+    stands_on: Mount | None = None
+    """What carries one arm, which must not hit it; None if this is not flat and wide, such as a post or a
+    mobile base, or not told."""
+    stands_at: float = 0.0
+    """Place [m] of this body's surface from the torso frame's origin: upwards for a table and a ceiling,
+    forward for a wall."""
     attachments: tuple[Attachment, ...] = ()
     """Additional models, such as hands, that contain links which the robot's model lacks."""
 

@@ -26,6 +26,7 @@ from tci.robot.description import (
     Limits,
     Mimic,
     Model,
+    Mount,
     Patch,
     Robot,
     Segment,
@@ -360,11 +361,14 @@ MODEL = Element(
     "`file` is the end of a path in this installed Python package; `extra` is the extra of TCI that "
     "installs the package, for the text of the error if the package is missing. In the torso frame x "
     "points forward, y left, z up. `meshes` is a folder, relative to the folder of the description, for "
-    "meshes that are not at the paths in the model; `none` ignores all meshes.",
+    "meshes that are not at the paths in the model; `none` ignores all meshes. `stands_on`: the base of one "
+    "arm is mounted on a flat fixed body that the arm must not hit, whose surface is `stands_at` above the "
+    "torso frame's origin, or in front of it on a wall.",
     needs={"format": _choice(Model, "format"), "file": RelativePath(), "torso_link": NAME},
     may={
         "package": NAME, "extra": NAME, "meshes": RelativePath(),
         "torso_rpy": ORIENTATION, "torso_xyz": POINT,
+        "stands_on": Choice(get_args(Mount)), "stands_at": Number(-10.0, 10.0, unit="m"),
     },
     many={
         "attachment": Element(

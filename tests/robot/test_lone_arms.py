@@ -10,6 +10,8 @@ import pytest
 from lxml import etree
 
 from helpers.robot_groups import ARMS
+from tci.body.retarget import retarget
+from tci.gestures.gesture import record
 from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
@@ -83,3 +85,19 @@ def test_what_an_arm_lacks_is_told_and_the_rest_is_inside_its_limits(robot: Robo
 
 def test_the_schema_accepts_the_description(robot: Robot) -> None:
     etree.XMLSchema(etree.parse(str(schema_path()))).assertValid(read_element(Path(robot.source))[0])
+
+
+def test_a_gesture_of_an_arm_is_that_of_its_own_shoulder(robot: Robot) -> None:
+    """Gestures are relative to the torso frame. One that was recorded on the arm brings it where it was, also
+    if its shoulder lacks a joint."""
+    joints, chance = joint_map(robot, "left_arm"), np.random.default_rng(2)
+    limits = [(robot.servos[one].limits.lower, robot.servos[one].limits.upper) for one in joints.servos]
+    lower, upper = 0.9 * np.array(limits, dtype=float).T
+    for _ in range(20):
+        position = np.array(initial_position(robot))
+        position[joints.servos] = chance.uniform(lower, upper)
+        asked = record(robot, np.array([0.0, 1.0]), np.array([position, position])).postures["left_arm"][0]
+        found = retarget(robot, "left_arm", asked, position)
+        assert found.upper_arm_error < 1e-6
+        turned = np.angle(np.exp(1j * (found.position - position)))
+        np.testing.assert_allclose(turned, 0.0, atol=1e-6)

@@ -9,15 +9,18 @@ example, the shoulder axes of iCub are turned by 15 degrees of yaw.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import Bounds as Box
 from scipy.optimize import LinearConstraint, minimize
 
 from tci.errors import CommandError
 from tci.messages.frames import Array, read_only
-from tci.robot.description import Robot
-from tci.robot.joint_map import joint_map
+from tci.robot.description import GenericPart, Robot
+from tci.robot.generic_arm import shoulder_angles, upper_arm_rotation
+from tci.robot.joint_map import JointMap, joint_map
 from tci.robot.shoulder import Shoulder, shoulder_of
 
 EXACT = 1e-9
@@ -56,22 +59,67 @@ def retarget(robot: Robot, part: str, generic: Array, position: Array) -> Retarg
     words = robot.part(part)
     if words.kind != "arm" or np.shape(generic) != (5,) or not np.isfinite(generic).all():
         raise CommandError(f"retargeting {part} to {generic}; valid: an arm, and 5 finite angles [rad]")
-    shoulder = shoulder_of(robot, part)
-    wanted = shoulder.wanted(generic[:3], np.eye(3))
-    result = np.array(position)
-    result[shoulder.servos], error = _within(robot, shoulder, wanted, position)
-    joints = joint_map(robot, part)
+    result, joints = np.array(position), joint_map(robot, part)
+    if lacks_a_joint(words):
+        result[:], error = _nearest(robot, words, joints, generic, position)
+    else:
+        shoulder = shoulder_of(robot, part)
+        wanted = shoulder.wanted(generic[:3], np.eye(3))
+        result[shoulder.servos], error = _within(robot, shoulder, wanted, position)
     there = joints.to_generic(result)
     there[3:] = generic[3:]
     elbow = np.flatnonzero(joints.ids >= 3)
     servos = joints.servos[elbow]
-    limits = [robot.servos[servo].limits for servo in servos]
-    lower = [-np.inf if limit.lower is None else limit.lower for limit in limits]
-    upper = [np.inf if limit.upper is None else limit.upper for limit in limits]
+    lower, upper = _limits(robot, servos)
     result[servos] = np.clip(joints.to_robot(there, result)[elbow], lower, upper)
     missed = generic[3:] - joints.to_generic(result)[3:]
     missed[np.abs(missed) <= EXACT] = 0.0
     return Retargeted(read_only(result), error, read_only(missed))
+
+
+def _limits(robot: Robot, servos: NDArray[np.intp]) -> Array:
+    """Lower and upper limits (2, k) [rad] of k servos."""
+    limits = [robot.servos[servo].limits for servo in servos]
+    return np.array(
+        [
+            [-np.inf if limit.lower is None else limit.lower for limit in limits],
+            [np.inf if limit.upper is None else limit.upper for limit in limits],
+        ]
+    )
+
+
+def lacks_a_joint(part: GenericPart) -> bool:
+    """True for an arm whose shoulder has fewer than three joints, as of many that stand alone."""
+    return any(joint.servo is None for joint in part.servos[:3])
+
+
+def in_torso(part: GenericPart, generic: Array) -> Array:
+    """Generic angles (5,) [rad] of an arm relative to the torso frame, from those relative to its mount."""
+    assert part.side is not None
+    R_TU = part.R_TM @ upper_arm_rotation(generic, part.side, axial=True)
+    return np.array([*shoulder_angles(R_TU, part.side), *generic[3:]])
+
+
+def _nearest(
+    robot: Robot, part: GenericPart, joints: JointMap, generic: Array, position: Array
+) -> tuple[Array, float]:
+    """Angles (n_servos,) [rad] at which the upper arm of a shoulder with one or two joints has the direction
+    of `generic`, and the angle [rad] by which its rotation misses the wanted one."""
+    assert part.side is not None
+    wanted = upper_arm_rotation(generic, part.side, axial=True)
+    pitch, roll, yaw = shoulder_angles(part.R_TM.T @ wanted, part.side)
+    found, least, (lower, upper) = np.array(position), np.inf, _limits(robot, joints.servos)
+    turns = (-2.0 * np.pi, 0.0, 2.0 * np.pi)
+    # the same direction with the arm turned half about: of these, the elbow may bend the right way with one
+    for way in ((pitch, roll, yaw), (pitch + np.pi, np.pi - roll, yaw + np.pi)):
+        for turned in product(turns, repeat=2):
+            posture = np.array([way[0] + turned[0], way[1] + turned[1], way[2], *generic[3:]])
+            there = np.array(position)
+            there[joints.servos] = np.clip(joints.to_robot(posture, position), lower, upper)
+            own = part.R_TM @ upper_arm_rotation(joints.to_generic(there), part.side, axial=True)
+            if (error := angle_between(own, wanted)) < least - EXACT:
+                found, least = there, error
+    return found, least
 
 
 def _within(robot: Robot, shoulder: Shoulder, wanted: Array, position: Array) -> tuple[Array, float]:

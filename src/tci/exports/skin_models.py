@@ -61,9 +61,7 @@ def skin_to_mjcf(robot: RobotLike) -> str:
     Raises TciError for a robot without taxels, and the errors of `load_spec`.
     """
     robot, worn = _worn(robot)
-    spec = solid_spec(robot)
-    if robot.model is not None and robot.model.stands_on is not None:  # it belongs to a scene
-        spec.delete(spec.body(robot.model.stands_on))
+    spec = solid_spec(robot, mounted=False)
     for geom in spec.geoms:
         solid = bool(geom.contype or geom.conaffinity)
         geom.contype, geom.conaffinity = int(solid), 0

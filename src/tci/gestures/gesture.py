@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 from tci.body.posture import speed_limits
-from tci.body.retarget import retarget, with_retargeting
+from tci.body.retarget import in_torso, lacks_a_joint, retarget, with_retargeting
 from tci.errors import CommandError, TciError
 from tci.messages.frames import Array, read_only
 from tci.robot.description import GenericPart, Robot
@@ -110,14 +110,20 @@ class TorsoView:
         """Prepares the conversion. Raises DescriptionError for an arm whose mount is rotated in the torso
         frame, if the kinematic model lacks the shoulder of this arm."""
         self._maps: dict[str, JointMap] = {}
+        self._turned: dict[str, GenericPart] = {}
         for part in robot.parts:
-            exact = with_retargeting(robot, part.name) if any(part.mount) else robot
-            self._maps[part.name] = joint_map(exact, part.name)
+            if part.kind == "arm" and lacks_a_joint(part):
+                self._turned[part.name] = part
+            exact = any(part.mount) and part.name not in self._turned
+            self._maps[part.name] = joint_map(
+                with_retargeting(robot, part.name) if exact else robot, part.name
+            )
 
     def posture(self, position: Array) -> dict[str, Array]:
         """Returns the generic angles (n,) [rad] of each part, with the servos at `position` (n_servos,)
         [rad]."""
-        return {name: joints.to_generic(position) for name, joints in self._maps.items()}
+        postures = {name: joints.to_generic(position) for name, joints in self._maps.items()}
+        return postures | {name: in_torso(part, postures[name]) for name, part in self._turned.items()}
 
 
 def record(robot: Robot, times: Array, positions: Array) -> Gesture:

@@ -46,16 +46,19 @@ motion brings together are near each other in few postures."""
 NO_MODEL = "no <model>: simulation and self-collision need a URDF or MJCF file"
 
 
-def solid_spec(robot: Robot, *, shown: bool = False, mimics: bool = True) -> mujoco.MjSpec:
+def solid_spec(
+    robot: Robot, *, shown: bool = False, mimics: bool = True, mounted: bool = True
+) -> mujoco.MjSpec:
     """Returns the robot's model with only the joints of its servos. The attributes `contype` and
     `conaffinity` of each geom define with which other geoms it can collide.
 
     If `shown` is True, the model contains everything that pictures need; otherwise it contains only the geoms
     that collide, as convex hulls. Joints that no servo drives are fixed at 0. If `mimics` is False, joints
     that only follow a servo are fixed too: those that turn at 0, those that slide, as jaws do, as they are in
-    the initial posture. The model contains no actuators, sensors, tendons and
-    equality constraints. Raises DescriptionError if the robot has no model, and the errors that `load_spec`
-    raises.
+    the initial posture. With `mounted`, what carries an arm is a body of the model. The model contains no
+    actuators, sensors, tendons and equality constraints.
+
+    Raises DescriptionError if the robot has no model, and the errors that `load_spec` raises.
     """
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
@@ -77,7 +80,8 @@ def solid_spec(robot: Robot, *, shown: bool = False, mimics: bool = True) -> muj
         keep_hulls(spec)
     for patch in thick_pads(robot):
         _add_pad(spec, patch)
-    add_mounting(spec, robot.model, group=HIDDEN)
+    if mounted:
+        add_mounting(spec, robot.model, group=HIDDEN)
     _set_self_collisions(spec, robot)
     return spec
 

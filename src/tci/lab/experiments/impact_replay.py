@@ -23,7 +23,7 @@ SURFACE = 0.05
 
 def replay(robot: Robot, impact: Impact, *, answered: bool = True) -> float:
     """Largest force [N] on the person."""
-    spec = solid_spec(robot)
+    spec = solid_spec(robot, mounted=False)
     spec.option.timestep, spec.option.gravity = STEP, [0.0, 0.0, 0.0]
     for geom in spec.geoms:
         geom.contype, geom.conaffinity = int(geom.parent.name == impact.link), 0

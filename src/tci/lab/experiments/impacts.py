@@ -83,7 +83,7 @@ class Impacts:
         """Raises DescriptionError for a robot without a model, masses, or parts that move."""
         self._robot, self._chain, self._strikers = robot, KinematicChain(robot), Strikers(robot)
         self._dynamics = Dynamics(robot, JointCalibration(robot=robot.name))
-        model = solid_spec(robot).compile()
+        model = solid_spec(robot, mounted=False).compile()
         limits = [servo.limits for servo in robot.servos]
         self._lower = np.array([one.lower or 0.0 for one in limits])
         self._upper = np.maximum(self._lower, [one.upper or 0.0 for one in limits])

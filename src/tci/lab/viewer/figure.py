@@ -61,7 +61,7 @@ class Figure:
         self.robot = robot
         self.skin = Skin(robot)
         self._server = server
-        self._model = compiled(solid_spec(robot, shown=True), robot.model)
+        self._model = compiled(solid_spec(robot, shown=True, mounted=False), robot.model)
         self._data = mujoco.MjData(self._model)
         driven = [(servo.index, one) for servo in robot.servos for one in servo.joints]
         self._servos = np.array([servo for servo, _ in driven], dtype=np.intp)

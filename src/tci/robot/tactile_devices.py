@@ -80,6 +80,8 @@ class Device:
     values: tuple[int, int]
     """Smallest and largest raw value of a taxel."""
     pads: tuple[DevicePad, ...]
+    read_by: str
+    """Name of the source that reads it."""
     rest: int = 0
     """Raw value of a taxel that nothing touches."""
     newton_per_count: float | None = None
@@ -108,6 +110,7 @@ def devices() -> tuple[Device, ...]:
         Device(
             name=one["name"], title=one["title"], sources=tuple(one["sources"]),
             values=(one["values"][0], one["values"][1]), rest=one.get("rest", 0),
+            read_by=one["read_by"],
             newton_per_count=one.get("newton_per_count"),
             pads=tuple(_pad(dict(pad)) for pad in one["pad"]),
         )

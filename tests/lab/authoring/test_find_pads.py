@@ -82,6 +82,7 @@ def test_a_pad_of_the_size_of_a_uskin_has_its_16_taxels(tmp_path: Path) -> None:
     assert (pad.device.name, pad.grid.rows, pad.grid.columns) == ("xela-uskin", 4, 4)
     np.testing.assert_allclose(np.ptp(pad.positions[:, :2], axis=0), 3 * 4.7e-3, atol=1e-5)
     assert sensor_of(pad).rest == 32768
+    assert "xela:ADDRESS" in find_pads(tmp_path / "model.urdf").lines()[1], "the next step"
 
 
 @pytest.mark.parametrize(

@@ -105,7 +105,8 @@ class FoundPads:
             own = [pad for pad in self.pads if pad.device is owner]
             lines.append(
                 f"{len(own)} of them have the sizes of {owner.title} ({owner.name}): rows, columns and order "
-                "are its; that row 1 lies at the far end is assumed: press a corner to see"
+                "are its; that row 1 lies at the far end is assumed: press a corner to see. The real ones "
+                f'are felt with --via "... + {owner.read_by}:ADDRESS", or <source> in a binding of the robot'
             )
         unknown = [
             pad for pad in self.pads if pad.device is None and pad.grid is not None and pad.taxels == 1

@@ -108,6 +108,22 @@ def test_a_series_moves_through_all_its_angles(call: str) -> None:
         session.close()
 
 
+@pytest.mark.xdist_group("served nao")
+def test_it_goes_to_its_usual_postures(session: Any) -> None:
+    """Angles of StandInit as NAOqi's ROS driver has them (nao_driver, init_pose.py)."""
+    posture, motion = session.service("ALRobotPosture"), session.service("ALMotion")
+    assert {"Stand", "StandInit", "StandZero", "Crouch", "Sit"} <= {*posture.getPostureList()}
+    for name, family in (("StandInit", "Standing"), ("Sit", "Sitting")):
+        assert posture.goToPosture(name, 0.8)
+        assert (posture.getPosture(), posture.getPostureFamily()) == (name, family)
+        if name == "StandInit":
+            for side, sign in (("L", 1.0), ("R", -1.0)):
+                arm = motion.getAngles(f"{side}Arm", True)[:4]
+                assert arm == pytest.approx([1.39, 0.34 * sign, -1.39 * sign, -1.04 * sign], abs=0.06)
+    with pytest.raises(RuntimeError, match="valid: Stand, StandInit"):
+        posture.goToPosture("Headstand", 0.5)
+
+
 def test_a_killed_series_goes_no_further() -> None:
     with StillNao() as nao:
         session = session_with(nao.port)

@@ -16,6 +16,7 @@ import qi
 
 from tci.robot.description import Servo
 from tci.wires.naoqi.board import Board
+from tci.wires.naoqi.postures import ALRobotPosture
 
 SETTLED = 0.01
 """Largest distance [rad] from the target at which a joint counts as arrived in a blocking motion. Assumed:
@@ -334,11 +335,13 @@ class ALSystem:
 def all_services(board: Board) -> dict[str, object]:
     """Returns all services by name. ALMotion is the last one, so a client that finds ALMotion finds all
     services."""
+    motion = ALMotion(board)
     return {
         "ALMemory": ALMemory(board.keys()),
         "ALAutonomousLife": ALAutonomousLife(),
         "ALSystem": ALSystem(),
-        "ALMotion": ALMotion(board),
+        "ALRobotPosture": ALRobotPosture(board, motion.angleInterpolationWithSpeed, motion.killAll),
+        "ALMotion": motion,
     }
 
 

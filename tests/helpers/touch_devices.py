@@ -153,8 +153,8 @@ class InspireHand(TouchDevice):
                 body = bytes([unit, 3, len(data)]) + data
             else:
                 body = request[6:12]
+            self.delay = self.delay or self.breath
             self.late()
-            time.sleep(self.breath)
             if self.lose:
                 self.lose -= 1
             else:

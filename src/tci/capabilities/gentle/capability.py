@@ -31,11 +31,17 @@ from tci.messages import (
     Perception,
     SwitchMode,
 )
-from tci.messages.frames import read_only
+from tci.messages.frames import Array, read_only
 
 SOFT, STIFF = 4e2, 75e3
 """Stiffness [N/m] of people: of a hand that follows, so that it feels 40 N s/m, with which arms of 20 to
 43 ms are calm on its pad, and of a hand that is clamped (ISO/TS 15066)."""
+HAND = 2e3
+"""Stiffness [N/m] of a hand that comes, before more is known of it: that of a firm pad. If it is stiffer, the
+arm goes away too far, and feels that."""
+STOPS = 0.7
+"""Fraction of the rise of force in one delay that is left in the next one while an arm comes to rest.
+Assumed: a stopping arm has less, a hand that comes has all of it."""
 WINDOW = 0.2
 """Time [s] from whose frames the stiffness is learnt."""
 LEAST_WAY = 1.5e-4
@@ -51,6 +57,11 @@ SHARE = 0.3
 EXPECTED = 65.0
 """Force [N] up to which it handles contact itself: a first blow on something stiff is above the cap until the
 arm has given way."""
+HASTE = 0.08
+"""Time [s] from whose frames the speed of somebody who comes is taken. Assumed: a few frames of a slow skin;
+with half of it noise moves the arm, with double of it a hand is noticed late."""
+FASTEST = 0.4
+"""Speed [m/s] of a hand up to which the arm goes along. Assumed: people who come faster strike."""
 GAIN = 4.0
 """Speed per distance from the target [1/s]."""
 
@@ -69,6 +80,8 @@ class Partner:
     """Number of the skin's frame."""
     way: float
     """How far the arm has gone into it [m]."""
+    coming: float
+    """Speed [m/s] with which it comes nearer by itself."""
     frames: tuple[tuple[float, float, float], ...]
     """Time [s], force [N] and way [m] of the last frames."""
 
@@ -185,15 +198,16 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
         pushes = np.array([body.jacobian(perception, one).T @ one.n_T for one in own])
         rate = float(force @ pushes @ body.rate(perception, part)) / float(force.sum())
         if met is None or now - met.felt > LEARNT:
-            met = Partner(0.0, now, np.inf, -1, 0.0, ())
+            met = Partner(0.0, now, np.inf, -1, 0.0, 0.0, ())
         way, frames = met.way + rate * elapsed, met.frames
-        if now - met.felt > WINDOW:
+        if now - met.felt > self.delay:
             frames = ()
         sequence = max(one.sequence for one in own)
         if sequence == met.sequence:
             return replace(met, felt=now, way=way)
         total = float(force.sum())
-        if not frames:  # it touched since the frame before
+        if not frames:  # it touched since the frame before; who was stiff may be a hand that comes
+            met = replace(met, stiffness=met.stiffness if met.stiffness <= HAND else 0.0)
             frames = ((now - 0.01, 0.0, way - max(rate, 1e-3) * 0.01),)
         frames = (*(one for one in frames if now - one[0] <= WINDOW), (now, total, way))
         over = min(met.over, now) if total > self.cap else np.inf
@@ -202,15 +216,18 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
         # a stiff one stops the arm, but so does a soft one who comes: what a slower arm feels tells neither
         pace = np.abs(np.diff(table[:, 2]) / np.maximum(np.diff(table[:, 0]), 1e-6)).max(initial=0.0)
         told = np.abs(ways) > np.maximum(LEAST_WAY, 0.5 * pace * (now - table[:-1, 0]))
+        told &= now - table[0, 0] >= 2.0 * self.delay  # before, the arm is still coming to rest
         stiffness = max(met.stiffness, float((rises[told] / ways[told]).max(initial=0.0)))
         before = table[table[:, 0] <= now - self.delay]
         if len(before) and before[-1, 2] - way > LEAST_WAY and total > before[-1, 1] + FOLLOWS:
             stiffness = 0.5 * met.stiffness
         elif len(before) and now - over > STUBBORN and total > 0.9 * before[-1, 1]:
             stiffness *= 0.8
-        if not told.any() and met.stiffness == 0.0:
-            stiffness = STIFF
-        return Partner(float(np.clip(stiffness, SOFT, STIFF)), now, over, sequence, way, frames)
+        if met.stiffness == 0.0:
+            stiffness = _first_guess(table, self.delay)
+        stiffness = float(np.clip(stiffness, SOFT, STIFF)) if stiffness else 0.0
+        recent = table[now - table[:, 0] <= HASTE]
+        return Partner(stiffness, now, over, sequence, way, _coming(recent, stiffness or STIFF), frames)
 
     def _move(
         self, part: str, target: GenericCommand, own: list[Contact], met: Partner | None,
@@ -220,17 +237,44 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
         known = met is not None and perception.stamp - met.felt < LEARNT
         speed, damping = self.speed, np.inf
         if known and met is not None:
-            damping = 2.0 * met.stiffness * self.delay
-            speed = min(speed, SHARE * self.cap / (met.stiffness * self.delay))
+            stiffness = met.stiffness or STIFF
+            damping = 2.0 * stiffness * self.delay
+            speed = min(speed, SHARE * self.cap / (stiffness * self.delay))
         want = GAIN * (target.values - perception.posture[part])
         lengths = sum(one.length for one in body.robot.part(part).segments) or 0.5
         want *= min(1.0, speed / max(float(np.abs(want).sum()) * lengths, 1e-9))
         if own:
-            want = body.yield_to(perception, own, want, [(self.cap - one.force) / damping for one in own])
+            coming = met.coming if met is not None else 0.0
+            most = [(self.cap - one.force) / damping - coming for one in own]
+            if met is not None and met.stiffness == 0.0:  # it stands, so what rises is not of its making
+                most = [min(one, 0.0) for one in most]
+            want = body.yield_to(perception, own, want, most)
         return (
             GenericCommand(part, Mode.VELOCITY, read_only(want), target.speed),
             ExpectContact(part, EXPECTED),
         )
+
+
+def _first_guess(frames: Array, delay: float) -> float:
+    """Stiffness [N/m] after two delays of first frames (n, 3), in which the arm comes to rest; 0 before.
+
+    A force that goes on to rise, no slower than while the arm came to rest, is that of a hand that comes.
+    """
+    begin, now = frames[0, 0], frames[-1, 0]
+    if now - begin < 2.0 * delay:
+        return 0.0
+    first, second, third = np.interp([now - 2.0 * delay, now - delay, now], frames[:, 0], frames[:, 1])
+    return HAND if third - second > max(FOLLOWS, STOPS * (second - first)) else STIFF
+
+
+def _coming(frames: Array, stiffness: float) -> float:
+    """Speed [m/s] with which somebody of a known stiffness comes nearer: the slope of where its surface is,
+    force / stiffness - way, over some frames (n, 3)."""
+    times, place = frames[:, 0] - frames[-1, 0], frames[:, 1] / stiffness - frames[:, 2]
+    if len(frames) < 3:
+        return 0.0
+    times = times - times.mean()
+    return float(np.clip(times @ place / (times @ times), 0.0, FASTEST))
 
 
 GENTLE_SWAY = Gentle(Sway())

@@ -208,11 +208,11 @@ def test_a_hands_own_angles_place_its_touches_and_its_fingers_are_not_moved(hand
 
 
 def test_a_finger_that_moves_is_placed_where_it_was_when_it_felt(hand: InspireHand) -> None:
-    """One sweep of the hand takes a tenth of a second, and the finger moves by 0.1 rad in it."""
-    begins, hand.breath = [np.inf], 0.005
+    """One sweep of the hand takes 0.2 s or more, and the finger moves by 0.1 rad in it."""
+    begins, hand.breath = [np.inf], 0.01
 
     def index(now: float) -> float:
-        return float(np.clip(1000.0 - 700.0 * (now - begins[-1]), 100.0, 1000.0))
+        return float(np.clip(1000.0 - 350.0 * (now - begins[-1]), 100.0, 1000.0))
 
     hand.angles = lambda: [1000, 1000, 1000, round(index(time.monotonic())), 1000, 1000]
     hand.values["index_top"][4] = 3000
@@ -221,17 +221,17 @@ def test_a_finger_that_moves_is_placed_where_it_was_when_it_felt(hand: InspireHa
         judge, perceiver = Judge(driver), tci.Perceiver(tci.GenericBody(driver.robot))
         frames = [driver.readers[0].pads[f"index_{pad}"] for pad in ("tip", "top", "pad")]
         begins.append(time.monotonic() + 0.2)
-        for now in driver.ticks(duration=1.8):
+        for now in driver.ticks(duration=2.4):
             reading = driver.read()
             when = max(frame.stamp for frame in frames)
             found = [one for one in perceiver.step(reading, now).contacts if one.patch == "left_index_top"]
-            if found and index(when) > 200.0 and index(when - 0.3) < 1000.0:
+            if found and index(when) > 200.0 and index(when - 0.6) < 1000.0:
                 counts = [1000.0] * 3 + [index(when)] + [1000.0] * 2
                 there = judge.place("left_index_force_sensor_2", found[0].p_L, counts)
                 off.append(float(np.linalg.norm(found[0].p_T - there)))
     assert len(off) > 20
-    assert np.median(off) < 2e-3, "with the angles before the frame it would be 4.5 mm"
-    assert np.quantile(off, 0.9) < 5e-3
+    assert np.median(off) < 2e-3
+    assert np.quantile(off, 0.9) < 4e-3, "with the angles before the frame it would be 10 mm"
 
 
 def test_pads_on_fingers_that_nobody_measures_are_told() -> None:

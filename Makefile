@@ -100,15 +100,17 @@ learn:  ## train the policy of the tutorial in .learn (PyTorch; 8 minutes of a p
 	@.learn/bin/python examples/learning/train.py "$(OUT)/withdraw.onnx"
 	@.learn/bin/python tools/policy.py "$(OUT)/withdraw.onnx"
 
-lerobot:  ## genuine LeRobot 0.4.4 records robots of TCI and loads the sets, in .lerobot (PyTorch)
+lerobot:  ## genuine LeRobot 0.4.4 records robots of TCI, trains ACT on sets and judges it, in .lerobot (PyTorch)
 	@$(PYTHON) -m venv .lerobot
 	@.lerobot/bin/python -m pip install --quiet $(if $(LEARN_INDEX),--extra-index-url $(LEARN_INDEX)) torch==2.13.0
 	@.lerobot/bin/python -m pip install --quiet --no-deps lerobot==0.4.4 torchvision==0.28.0 diffusers==0.35.2 # they ask for an older PyTorch
 	@.lerobot/bin/python -m pip install --quiet datasets==4.8.5 huggingface-hub==0.35.3 einops==0.8.2 jsonlines==4.0.0 draccus==0.10.0 \
 	  deepdiff==8.6.2 packaging==25.0 opencv-python-headless==4.12.0.88 av==15.1.0 accelerate==1.15.0 imageio==2.38.1 pyserial==3.5 \
-	  regex termcolor==3.3.0 pynput==1.8.2 rerun-sdk==0.26.2 --editable ".[gym,icub,robots]"
+	  regex termcolor==3.3.0 pynput==1.8.2 rerun-sdk==0.26.2 --editable ".[gym,icub,robots,parquet,zenoh]"
 	@.lerobot/bin/python -m pip install --quiet --no-deps --editable packages/lerobot_robot_tci
 	@.lerobot/bin/python tools/with_lerobot.py --out "$(OUT)/lerobot"
+	@.lerobot/bin/python tools/with_lerobot.py --robots nao --via zenoh --out "$(OUT)/lerobot-zenoh"
+	@.lerobot/bin/python tools/act.py --out "$(OUT)/act"
 
 release-check: dev-env  ## build, install the sdist in empty environments, run the README (PYTHONS="python3.11 python3.12")
 	@$(VENV)/python tools/release_check.py $(PYTHONS)

@@ -1,8 +1,8 @@
 """Shows genuine LeRobot with robots of TCI: it finds the plug-in, records hands that guide an arm, and loads
 the set.
 
-python tools/with_lerobot.py [--robots nao,icub,g1] [--episodes 2] [--out out/lerobot], in the environment of
-`make lerobot`.
+python tools/with_lerobot.py [--robots nao,icub,g1] [--episodes 2] [--via zenoh] [--out out/lerobot], in the
+environment of `make lerobot`, or in one of LeRobot 0.6.1.
 """
 
 from __future__ import annotations
@@ -10,9 +10,13 @@ from __future__ import annotations
 import argparse
 import os
 import runpy
+import shlex
 import shutil
 import subprocess
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
@@ -45,11 +49,34 @@ def lerobot(command: str, *arguments: str) -> None:
     subprocess.run([sys.executable, __file__, "command", command, *arguments], check=True)
 
 
-def record(robot: str, root: Path, episodes: int) -> None:
+@contextmanager
+def reached(robot: str, via: str) -> Iterator[list[str]]:
+    """The options with which LeRobot reaches a robot that people touch: simulated by its own process, or over
+    a middleware, for which another process serves it in real time."""
+    if via == "sim":
+        yield [f'--robot.touches=["{TOUCH}"]']
+        return
+    tci = Path(sys.executable).with_name("tci")
+    serve = [tci, "serve", robot, "--via", via, "--touch", TOUCH]
+    with subprocess.Popen(
+        serve, stdout=subprocess.PIPE, text=True, env={**os.environ, "COLUMNS": "500"}
+    ) as other:
+        assert other.stdout is not None
+        try:
+            words = next(line for line in other.stdout if "to use it" in line)
+            address = shlex.split(words)[shlex.split(words).index("--via") + 1]
+            threading.Thread(target=other.stdout.read, daemon=True).start()
+            yield [f"--robot.via={address}", "--robot.arm=true"]
+        finally:
+            other.terminate()
+
+
+def record(robot: str, root: Path, episodes: int, options: list[str]) -> None:
     lerobot(
-        "record", "--robot.type=tci", f"--robot.robot={robot}", f"--robot.fps={FPS}",
-        f'--robot.touches=["{TOUCH}"]', "--teleop.type=tci_touch", f"--dataset.repo_id=tci/{robot}",
-        f"--dataset.root={root}", f"--dataset.fps={FPS}", f"--dataset.single_task={TASK}",
+        "record", "--robot.type=tci", f"--robot.robot={robot}", f"--robot.fps={FPS}", *options,
+        "--teleop.type=tci_touch",
+        f"--dataset.repo_id=tci/{robot}", f"--dataset.root={root}", f"--dataset.fps={FPS}",
+        f"--dataset.single_task={TASK}",
         f"--dataset.num_episodes={episodes}", f"--dataset.episode_time_s={SECONDS}",
         "--dataset.reset_time_s=0.5", "--dataset.push_to_hub=false", "--play_sounds=false",
     )  # fmt: skip
@@ -81,6 +108,7 @@ def main() -> None:
     words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     words.add_argument("--robots", default="nao,icub,g1")
     words.add_argument("--episodes", type=int, default=2)
+    words.add_argument("--via", default="sim", help="such as zenoh: another process serves the robot")
     words.add_argument("--out", type=Path, default=Path("out/lerobot"))
     given = words.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
@@ -91,7 +119,8 @@ def main() -> None:
     for robot in given.robots.split(","):
         root = given.out / robot
         shutil.rmtree(root, ignore_errors=True)
-        record(robot, root, given.episodes)
+        with reached(robot, given.via) as options:
+            record(robot, root, given.episodes, options)
         judge(robot, root, given.episodes)
 
 

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from tci.cli.log_import import import_
 from tci.cli.options import AsJson, Begin, End, NewRecording, RecordedRobot, RecordingFile
+
+if TYPE_CHECKING:
+    from tci.datasets.episodes import Pictures
 
 SETS = ("lerobot", "oxt")
 """Formats of data sets, in which each recording is an episode."""
@@ -138,6 +143,13 @@ def export(
             "set, used or not, dozens of milliseconds for each row."
         ),
     ] = "",
+    picture: Annotated[
+        str,
+        typer.Option(
+            help="For a data set: size, such as 320x240, of pictures of what the head saw, drawn from the "
+            "recorded angles and touches."
+        ),
+    ] = "",
     as_json: AsJson = False,
 ) -> None:
     """Write a recording as tables of joint data, gate decisions, contacts and skin frames, or as a data set
@@ -156,7 +168,9 @@ def export(
         if columns and form != "lerobot":
             raise RecordingError(f"--columns for {form}; valid: for --format lerobot")
         names = [one.strip() for one in columns.split(",") if one.strip()]
-        _export_set(form, file, out, robot, task=task, fps=fps, columns=names, as_json=as_json)
+        _export_set(
+            form, file, out, robot, task=task, fps=fps, columns=names, picture=picture, as_json=as_json
+        )
         return
     from tci.cli.console import console, print_json
     from tci.errors import TciError
@@ -182,6 +196,20 @@ def export(
         console.print(str(path), highlight=False, markup=False)
 
 
+def _pictures(size: str) -> Pictures | None:
+    from tci.datasets.episodes import Pictures
+    from tci.errors import RecordingError
+    from tci.lab.pictures.recorded_head import recorded_head
+
+    if not size:
+        return None
+    found = re.fullmatch(r"(\d{1,4})x(\d{1,4})", size)
+    if found is None:
+        raise RecordingError(f"--picture {size}; valid: WIDTHxHEIGHT in pixels, such as 320x240")
+    width, height = map(int, found.groups())
+    return Pictures(width, height, partial(recorded_head, width=width, height=height))
+
+
 def _export_set(
     form: str,
     file: Path,
@@ -191,6 +219,7 @@ def _export_set(
     task: str,
     fps: int,
     columns: list[str],
+    picture: str,
     as_json: bool,
 ) -> None:
     from tci.cli.console import console, print_json
@@ -200,7 +229,7 @@ def _export_set(
     files = sorted(file.glob("*.mcap")) if file.is_dir() else [file]
     if not files:
         raise RecordingError(f"{file} has no recording; valid: a folder of .mcap files")
-    data = read_set(files, task=task, fps=fps, robot=robot)
+    data = read_set(files, task=task, fps=fps, robot=robot, pictures=_pictures(picture))
     left_out = data.left_out
     if form == "lerobot":
         from tci.datasets.lerobot import write_lerobot

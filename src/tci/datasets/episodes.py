@@ -7,7 +7,7 @@ raw skin frames that came since the row before: their values are not sampled, so
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,8 @@ FORCES, CONTACTS, TACTILE = "observation.environment_state", "observation.contac
 RAW, STAMPS, COUNT = "observation.tactile_raw", "observation.tactile_stamp_ns", "observation.tactile_count"
 """Names of the columns; those that begin with TACTILE, RAW, STAMPS and COUNT end in the name of a patch.
 Policies such as ACT read STATE, FORCES and pictures only, so FORCES repeats the forces on all taxels."""
+HEAD = "observation.images.head"
+"""Pictures; their values are those of height, width and three colours."""
 STRONGEST = 4
 """Contacts in a row: the strongest; the others are in the forces on the taxels."""
 CONTACT = ("x", "y", "z", "force_x", "force_y", "force_z", "area")
@@ -41,6 +43,19 @@ BLOCK = 512
 
 POSITIONS = mode_number(Mode.POSITION), mode_number(Mode.IMPEDANCE)
 Columns = dict[str, NDArray[Any]]
+IMAGE = "image"
+FEW = 32
+"""Rows with pictures that are made at a time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pictures:
+    """What the head saw, for a set."""
+
+    width: int
+    height: int
+    of: Callable[[Recording, Robot], Callable[[Perceived], NDArray[np.uint8]]]
+    """For a recording, from a period to the picture (height, width, 3)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +66,8 @@ class Feature:
     size: int
     names: tuple[str, ...] | None = None
     info: dict[str, Any] = field(default_factory=dict)
+    shape: tuple[int, ...] = ()
+    """Of pictures: height, width and 3."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +90,7 @@ class DataSet:
     surfaces: dict[str, Surface]
     left_out: tuple[str, ...]
     """What the recordings have and the set has not, a sentence each."""
+    pictures: Pictures | None = None
 
     def blocks(self, episode: Episode) -> Iterator[Columns]:
         """Yields the rows of an episode, at most BLOCK at a time.
@@ -83,12 +101,24 @@ class DataSet:
 
 
 def read_set(
-    files: Sequence[Path | str], *, task: str = "", fps: int = 30, robot: RobotLike | None = None
+    files: Sequence[Path | str],
+    *,
+    task: str = "",
+    fps: int = 30,
+    robot: RobotLike | None = None,
+    pictures: Pictures | None = None,
 ) -> DataSet:
     """Reads what the recordings contain, without their values.
 
-    `task` is the text of recordings that have none of their own (`Recorder(about={"task": ...})`). Raises
-    RecordingError if a recording can't be read, or they are of different robots, and for an `fps` below 1.
+    Args:
+        files: Recordings.
+        task: Text of recordings that have none of their own (`Recorder(about={"task": ...})`).
+        fps: Rows per second.
+        robot: The robot, if the recordings were made with a description file.
+        pictures: What the head saw.
+
+    Raises RecordingError if a recording can't be read, or they are of different robots, and for an `fps`
+    below 1.
     """
     if not files:
         raise RecordingError("no recording; valid: a recording (.mcap) or a folder of them")
@@ -111,6 +141,12 @@ def read_set(
     if empty := next((c for c in clocks if c.frames == 0), None):
         raise RecordingError(f"{empty.path} has no periods; valid: a recording of a run")
     features, surfaces, left_out = _features(found, clocks)
+    if pictures is not None:
+        shape = (pictures.height, pictures.width, 3)
+        says = {"says": "drawn from the recorded angles and touches"}
+        features[HEAD] = Feature(
+            IMAGE, int(np.prod(shape)), ("height", "width", "channels"), says, shape=shape
+        )
     return DataSet(
         robot=found,
         fps=fps,
@@ -121,6 +157,7 @@ def read_set(
         ),
         surfaces=surfaces,
         left_out=left_out,
+        pictures=pictures,
     )
 
 
@@ -235,10 +272,14 @@ class _Rows:
         self._sent: NDArray[np.float64] = np.empty(0)
         self._asked: dict[str, NDArray[np.float64]] = {}
         self._seen: dict[str, SkinFrame] = {}
+        self._most = BLOCK if data.pictures is None else FEW
+        self._sees: Callable[[Perceived], NDArray[np.uint8]] | None = None
 
     def blocks(self, episode: Episode) -> Iterator[Columns]:
         clock = _Clock(episode.recording.path, self._data.fps)
-        block, row = self._empty(min(BLOCK, episode.frames)), 0
+        if self._data.pictures is not None:
+            self._sees = self._data.pictures.of(episode.recording, self._data.robot)
+        block, row = self._empty(min(self._most, episode.frames)), 0
         last: Perceived | None = None
         arrived: dict[str, list[SkinFrame]] = {name: [] for name in self._patches}
         begun = 0
@@ -251,7 +292,7 @@ class _Rows:
                     row += 1
                     if row - begun == len(block[STATE]):
                         yield block
-                        begun, block = row, self._empty(min(BLOCK, episode.frames - row))
+                        begun, block = row, self._empty(min(self._most, episode.frames - row))
             self._follow(period)
             last = period
             for frame in period.reading.skin:
@@ -264,7 +305,10 @@ class _Rows:
         yield {name: values[: row - begun + 1] for name, values in block.items()}
 
     def _empty(self, rows: int) -> Columns:
-        return {name: np.zeros((rows, one.size), one.dtype) for name, one in self._data.features.items()}
+        return {
+            name: np.zeros((rows, one.size), np.uint8 if one.dtype == IMAGE else one.dtype)
+            for name, one in self._data.features.items()
+        }
 
     def _put(self, block: Columns, row: int, values: Columns, arrived: dict[str, list[SkinFrame]]) -> None:
         for name, row_values in values.items():
@@ -317,6 +361,8 @@ class _Rows:
         found |= {f"{TACTILE}.{name}": one for name, one in zip(self._patches, forces, strict=True)}
         if forces:
             found[FORCES] = np.concatenate(forces)
+        if self._sees is not None:
+            found[HEAD] = self._sees(period).ravel()
         return found
 
     def _posture(self, joints: JointReading, angles: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:

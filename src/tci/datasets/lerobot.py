@@ -6,6 +6,7 @@ Every name that LeRobot fixes is in this file, so a change of the format is a ch
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
@@ -14,8 +15,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
-from tci.datasets.episodes import COUNT, RAW, STAMPS, Columns, DataSet, Feature
+from tci.datasets.episodes import COUNT, IMAGE, RAW, STAMPS, Columns, DataSet, Feature
 from tci.datasets.new_folder import new_folder
 from tci.datasets.raw_skin import skin_frames
 from tci.datasets.statistics import Statistics
@@ -30,6 +32,8 @@ with needs("data sets of LeRobot", "parquet"):
     from pyarrow import parquet
 
 VERSION = "v3.0"
+STRIDE = 8
+"""Every eighth pixel of every eighth line counts for statistics, as LeRobot thins pictures out too."""
 LARGEST = 100
 """Size [MB] after which the next episode begins a new file, as LeRobot's own default."""
 PER_CHUNK = 1000
@@ -88,8 +92,12 @@ class _Writer:
         if self._file is not None:
             self._file.close()
         parquet.write_table(_table(rows), _made(self._out / _at(EPISODES, 0)))
-        stats = {name: {key: value.tolist() for key, value in one.result().items()}
-                 for name, one in self._total.items()}  # fmt: skip
+        stats = {
+            name: {
+                key: value.tolist() for key, value in _result(one, self._features[name], self._index).items()
+            }
+            for name, one in self._total.items()
+        }
         (self._out / STATS).write_text(json.dumps(stats), encoding="utf-8")
         self._write_tasks()
         self._write_layout()
@@ -104,7 +112,7 @@ class _Writer:
         for block in self._data.blocks(episode):
             columns = block | self._own(number, len(next(iter(block.values()))), begin)
             for name, one in stats.items():
-                one.add(columns[name])
+                one.add(_counted(columns[name], self._features[name]))
             arrays = [_array(columns[name], one) for name, one in self._features.items()]
             self._file.write_table(pa.Table.from_arrays(arrays, schema=self._schema))
         for name, one in stats.items():
@@ -121,7 +129,8 @@ class _Writer:
             "meta/episodes/file_index": 0,
         }
         for name, one in stats.items():
-            row |= {f"stats/{name}/{key}": value.tolist() for key, value in one.result().items()}
+            found = _result(one, self._features[name], self._index - begin)
+            row |= {f"stats/{name}/{key}": value.tolist() for key, value in found.items()}
         return row
 
     def _own(self, episode: int, rows: int, begin: int) -> Columns:
@@ -194,7 +203,7 @@ class _Writer:
             "features": {
                 name: {
                     "dtype": one.dtype,
-                    "shape": [one.size],
+                    "shape": [*one.shape] or [one.size],
                     "names": None if one.names is None else list(one.names),
                     **({"info": one.info} if one.info else {}),
                 }
@@ -351,12 +360,39 @@ def _made(path: Path) -> Path:
     return path
 
 
+def _counted(values: NDArray[Any], feature: Feature) -> NDArray[Any]:
+    """What statistics are made of: of pictures the colours, 0 to 1, of every eighth pixel of a row."""
+    if feature.dtype != IMAGE:
+        return values
+    return values.reshape(-1, *feature.shape)[:, ::STRIDE, ::STRIDE].reshape(-1, 3) / 255.0
+
+
+def _result(stats: Statistics, feature: Feature, frames: int) -> dict[str, NDArray[Any]]:
+    """Statistics in LeRobot's form: those of a colour of pictures have the shape (3, 1, 1)."""
+    found = stats.result()
+    if feature.dtype != IMAGE:
+        return found
+    return {name: value.reshape(3, 1, 1) for name, value in found.items() if name != "count"} | {
+        "count": np.array([frames])
+    }
+
+
+def _png(values: NDArray[Any], feature: Feature) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(values.reshape(feature.shape)).save(file, "png")
+    return file.getvalue()
+
+
 def _type(feature: Feature) -> pa.DataType:
+    if feature.dtype == IMAGE:
+        return pa.struct([("bytes", pa.binary()), ("path", pa.string())])
     own = pa.from_numpy_dtype(np.dtype(feature.dtype))
     return own if feature.size == 1 else pa.list_(own, feature.size)
 
 
 def _array(values: NDArray[Any], feature: Feature) -> pa.Array:
+    if feature.dtype == IMAGE:
+        return pa.array([{"bytes": _png(one, feature), "path": None} for one in values], _type(feature))
     flat = pa.array(np.ascontiguousarray(values).ravel())
     return flat if feature.size == 1 else pa.FixedSizeListArray.from_arrays(flat, feature.size)
 

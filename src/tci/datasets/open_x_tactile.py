@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.datasets.episodes import ACTION, COUNT, RAW, STAMPS, STATE, TACTILE, Columns, DataSet
+from tci.datasets.episodes import ACTION, COUNT, HEAD, RAW, STAMPS, STATE, TACTILE, Columns, DataSet
 from tci.datasets.new_folder import new_folder
 from tci.datasets.raw_skin import skin_frames
 from tci.datasets.zarr2 import ArrayWriter, ZarrArray, make_group, put_array
@@ -47,7 +47,7 @@ GRIPPER = 28
 MOST = {"arm": 7, "supplementary": 15}
 WORDS = 100
 """Characters of an instruction. Longer ones are cut by the form, so they are told."""
-PICTURE = "camera_main_rgb"
+PICTURE, HEAD_PICTURE = "camera_main_rgb", "camera_ego_rgb"
 STAND_IN = (8, 8, 3)
 """Shape of a black picture where a set has none, since FTP-1 refuses sets without any."""
 RATE = 30
@@ -117,7 +117,8 @@ class _Writer:
                     begin += len(block[STATE])
         if any(len(episode.task) > WORDS for episode in self._data.episodes):
             self._said.append(f"sub_task_instruction: cut after {WORDS} characters")
-        self._said.append(f"{PICTURE}: a black stand-in of {STAND_IN[0]} x {STAND_IN[1]}, no picture")
+        if self._data.pictures is None:
+            self._said.append(f"{PICTURE}: a black stand-in of {STAND_IN[0]} x {STAND_IN[1]}, no picture")
         return (*self._data.left_out, *self._said)
 
     def _columns(self, block: Columns, task: str, begin: int) -> Columns:
@@ -125,8 +126,11 @@ class _Writer:
         found: Columns = {
             "timestamps": (begin + np.arange(rows)) / self._data.fps,
             "sub_task_instruction": np.full(rows, task[:WORDS], f"<U{WORDS}"),
-            PICTURE: np.zeros((rows, *STAND_IN), np.uint8),
         }
+        if HEAD in block:
+            found[HEAD_PICTURE] = block[HEAD].reshape(rows, *self._data.features[HEAD].shape)
+        else:
+            found[PICTURE] = np.zeros((rows, *STAND_IN), np.uint8)
         for name, places in self._joints.items():
             found[name] = block[STATE][:, places]
             found[f"{name}_action"] = block[ACTION][:, places]

@@ -20,6 +20,7 @@ from tci.messages.frames import Array
 from tci.recording.perceived import Perceived, perceive, recorded_robot
 from tci.recording.recording import Recording
 from tci.recording.schemas import to_nanoseconds
+from tci.robot.description import Robot
 from tci.robot.like import RobotLike
 from tci.runtime.loop import Tick
 from tci.simulation.hand_model import SIDES, PersonModel
@@ -156,13 +157,20 @@ def film(
         )
     touched = (contact.part for one in periods for contact in one.perception.contacts)
     shown = found.part(part or next(touched, found.parts[0].name)).name
-    truth = dict(recording.touching())
-    world = World(found, people=_people_of({name for poses in truth.values() for name in poses}))
+    world, truth = world_of(recording, found)
     made = Film(world, Path(out), fields=default_fields(), part=shown)
     for one in periods:
         world.show(one.reading.joints.position)
         made.see(one, truth.get(to_nanoseconds(one.now), {}))
     return made.save()
+
+
+def world_of(recording: Recording, robot: Robot) -> tuple[World, dict[int, dict[str, Array]]]:
+    """A world with those who touched the robot of a recording, and their poses by time [ns]. Raises
+    RecordingError for damaged data."""
+    truth = dict(recording.touching())
+    people = _people_of({name for poses in truth.values() for name in poses})
+    return World(robot, people=people), truth
 
 
 def _people_of(bodies: Iterable[str]) -> list[PersonModel]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from tci.lab.pictures.gl import GlRenderer
 from tci.lab.pictures.portrait import Moment, Portrait, keep_moment
 from tci.lab.pictures.render import render
 from tci.messages import Reading
-from tci.messages.frames import read_only
+from tci.messages.frames import Array, read_only
 from tci.robot.description import FOV
 from tci.simulation.world import World
 
@@ -59,9 +60,13 @@ class HeadCamera:
         T_WT, eyes = self.portrait.torso(moment), self._body.eyes(moment.reading.joints)
         return Camera(read_only(T_WT @ eyes), self._fov, *self._size)
 
-    def picture(self, reading: Reading) -> NDArray[np.uint8]:
-        """The picture (height, width, 3) of the world now; `reading` tells where the head is."""
+    def picture(
+        self, reading: Reading, touching: Mapping[str, Array] = MappingProxyType({})
+    ) -> NDArray[np.uint8]:
+        """The picture (height, width, 3) of the world now; `reading` tells where the head is, and `touching`
+        what touches the robot, if not the world itself (`Recording.touching`)."""
         moment = keep_moment(self._world, reading)
+        self._world.show_touching(moment.data, touching)
         data, camera = self.portrait.pose(moment), self.camera(moment)
         if self._gl is not None:
             return self._gl.draw(data, camera)

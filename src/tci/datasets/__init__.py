@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tci.datasets.episodes import DataSet as DataSet
     from tci.datasets.episodes import Episode as Episode
     from tci.datasets.episodes import Feature as Feature
+    from tci.datasets.episodes import Pictures as Pictures
     from tci.datasets.episodes import read_set as read_set
     from tci.datasets.lerobot import LeRobotSet as LeRobotSet
     from tci.datasets.lerobot import read_lerobot as read_lerobot

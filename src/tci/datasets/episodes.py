@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tci.body.generic_body import GenericBody
 from tci.errors import FrameError, RecordingError
-from tci.messages import JointReading, Mode, Perception, SkinFrame
+from tci.messages import JointReading, Mode, Perception, Reading, SkinFrame
 from tci.recording.perceived import Perceived, perceive, recorded_robot
 from tci.recording.recording import Recording
 from tci.recording.rosmsg.cdr import decode
@@ -54,8 +54,8 @@ class Pictures:
 
     width: int
     height: int
-    of: Callable[[Recording, Robot], Callable[[Perceived], NDArray[np.uint8]]]
-    """For a recording, from a period to the picture (height, width, 3)."""
+    of: Callable[[Recording, Robot], Callable[[float, Reading], NDArray[np.uint8]]]
+    """For a recording, from the time [s] and the reading of a period to the picture (height, width, 3)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,7 +273,7 @@ class _Rows:
         self._asked: dict[str, NDArray[np.float64]] = {}
         self._seen: dict[str, SkinFrame] = {}
         self._most = BLOCK if data.pictures is None else FEW
-        self._sees: Callable[[Perceived], NDArray[np.uint8]] | None = None
+        self._sees: Callable[[float, Reading], NDArray[np.uint8]] | None = None
 
     def blocks(self, episode: Episode) -> Iterator[Columns]:
         clock = _Clock(episode.recording.path, self._data.fps)
@@ -362,7 +362,7 @@ class _Rows:
         if forces:
             found[FORCES] = np.concatenate(forces)
         if self._sees is not None:
-            found[HEAD] = self._sees(period).ravel()
+            found[HEAD] = self._sees(period.now, period.reading).ravel()
         return found
 
     def _posture(self, joints: JointReading, angles: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:

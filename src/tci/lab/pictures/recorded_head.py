@@ -18,8 +18,9 @@ from tci.robot.description import Robot
 def recorded_head(
     recording: Recording, robot: Robot, *, width: int, height: int
 ) -> Callable[[float, Reading], NDArray[np.uint8]]:
-    """From the time [s] and the reading of a period to the picture (height, width, 3), drawn from the recorded
-    angles and from what touched a simulated robot. Around a real one nothing is known, so it sees only itself.
+    """From the time [s] and the reading of a period to the picture (height, width, 3), drawn from the
+    recorded angles and from what touched a simulated robot. Around a real one nothing is known, so it sees
+    only itself.
 
     Raises the errors of `HeadCamera`, RecordingError for damaged data.
     """

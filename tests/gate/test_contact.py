@@ -498,18 +498,43 @@ def test_after_the_clock_went_back_a_contact_still_ends() -> None:
     held.gate.reset()
 
 
-def test_a_resting_arm_that_is_pushed_by_hand_does_not_retreat() -> None:
+def test_a_resting_arm_that_is_pushed_by_hand_does_not_retreat_but_gives_way() -> None:
+    """Its reference kept its place before, and after 6 degrees the gate stopped."""
     held = Held(at=10.0)
     held.step(position_command([2], [0.5]))
     for _ in range(1200):
         held.step()
-    pushed = held.angles.copy()
-    pushed[2] += np.deg2rad(4.0)
-    for _ in range(100):
+    hand, safe = 0.5, held.safe
+    for _ in range(1500):
+        hand = min(hand + np.deg2rad(10.0) * PERIOD, 0.5 + np.deg2rad(25.0))
+        before = safe.position[0]
+        pushed = held.angles.copy()
+        pushed[2] = max(before, 0.5 * (before + hand))  # a hand as stiff as the servo
         safe = held.gate.step((), reading(pushed, held.now), held.now)
         held.now += PERIOD
         assert not safe.clamped
-        assert safe.position[0] == pytest.approx(0.5)
+        assert before - 1e-9 <= safe.position[0] <= hand
+    assert held.gate.state is GateState.RUN, held.gate.reason
+    assert safe.position[0] > hand - np.deg2rad(3.0)
+    for _ in range(200):
+        safe = held.gate.step((), reading(np.array([0, 0, safe.position[0], 0, 0, 0]), held.now), held.now)
+        held.now += PERIOD
+    assert not safe.met
+    safe = held.gate.step((position_command([2], [0.2]),), reading(pushed, held.now), held.now)
+    assert not safe.refusals
+
+
+def test_a_resting_arm_that_gets_a_weight_holds_it_after_two_steps() -> None:
+    """Without skin nobody knows whether it is a hand."""
+    held = Held(at=10.0)
+    held.step(position_command([2], [0.5]))
+    for _ in range(1200):
+        held.step()
+    for step in range(3000):
+        held.hand[2] = -np.deg2rad(min(0.05 * step, 2.5))
+        held.step()
+    assert not held.told
+    assert 0.5 - np.deg2rad(5.2) < held.sent[2] < 0.5 - np.deg2rad(2.0)
 
 
 @pytest.mark.parametrize(

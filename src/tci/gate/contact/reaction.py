@@ -202,8 +202,7 @@ class ContactReaction:
                     self._release(group)
                 continue
             excused = self._excused[group.servos]
-            rests = self._now - group.moved > self._settings.lag + PROGRESS
-            bound = bounds(excused, self._settings, rests=rests)
+            bound = bounds(excused, self._settings, rests=self._rests(group))
             errors = error[group.servos]
             left = bent[group.servos]
             left[~(left >= excused)] = 0.0
@@ -268,7 +267,8 @@ class ContactReaction:
             reference, most = self._references(group, seen), max(self._settings.felt, allowed)
             goal = group.softness.step(
                 seen.here, reference, seen.felt.force, most=most, held=self._settings.held,
-                moves=self._moves(group),
+                moves=self._moves(group), moved=group.moved, bent=noticing.sure and noticing.held,
+                rests=self._rests(group), now=self._now,
             )  # fmt: skip
             return goal, None
         group.sag, group.before, group.push = Sag(), self._bearing.before, seen.push
@@ -311,6 +311,10 @@ class ContactReaction:
         """True if a group may have made a contact: it moves, or did a moment ago, and not because somebody
         pushes it."""
         return not group.softness.soft and self._now - group.moved < MADE
+
+    def _rests(self, group: Group) -> bool:
+        """True if a group has rested for so long that nothing lags any more."""
+        return self._now - group.moved > self._settings.lag + PROGRESS
 
     def _moves_now(self, group: Group) -> bool:
         """True while the latest readings may tell of a reference that moved."""
@@ -403,13 +407,14 @@ class ContactReaction:
     def _walk_all(self, joints: JointReading, reference: Reference) -> None:
         for group in self._groups.values():
             here = joints.position[group.servos]
-            group.softness.soft = False
+            group.softness.let_go(self._now)
             group.noticing.nothing(joints.stamp)
             group.path.walk(here, joints.stamp)
             if not self._moves_now(group):
                 self._following.rest(group.servos, joints)
-            if not self._moves(group):
-                group.softness.rest(group.references(reference, joints.position) - here)
+            if not (self._moves(group) or group.softness.soft):
+                bent = group.references(reference, joints.position) - here
+                group.softness.rest(bent, group.moved)
 
     def _begin(self, group: Group, goal: Array) -> None:
         group.goes(goal)

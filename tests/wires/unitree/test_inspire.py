@@ -218,6 +218,18 @@ def test_a_served_g1_tells_and_takes_what_the_bridge_does() -> None:
     assert "Traceback" not in said
 
 
+def test_the_bridges_topics_as_a_source_give_angles_too() -> None:
+    domain = next(DOMAINS)
+    bridge = Program(domain, "hands", "50")
+    try:
+        bridge.tell({"r": {"angle_act": ANGLES["r"]}})
+        with tci.connect("g1-inspire", f"sim + inspire:dds://lo/{domain},side=right") as driver:
+            until(lambda: np.allclose(angles(driver, "r"), rad(ANGLES["r"])))
+            assert not np.allclose(angles(driver, "l"), rad(ANGLES["l"])), "the other hand is simulated"
+    finally:
+        bridge.close()
+
+
 def test_hands_that_sources_read_need_no_bridge_and_the_doctor_examines_every_part() -> None:
     """Beside the robot's own driver, over the hands' own sockets: angles and pads arrive, arms are moved, and
     fingers are not."""

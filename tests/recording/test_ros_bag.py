@@ -161,7 +161,9 @@ def test_the_command_imports_and_plots_a_bag(ticks: list[Tick], tmp_path: Path) 
     bag = write_bag(tmp_path / "bag", ticks, "mcap")
     out = str(tmp_path / "out.mcap")
     assert "does not name its robot; valid: tci log import" in tci("log", "import", str(bag), out, status=1)
-    assert f"{len(ticks)} periods" in tci("log", "import", str(bag), out, "nao")
+    told = tci("log", "import", str(bag), out, "nao")
+    assert f"{len(ticks)} periods" in told
+    assert f"used: joints of nao, {len(ticks)} readings" in told
     told = json.loads(tci("plot", out, "--json"))
     assert [touch["patch"] for touch in told["touches"]] == ["left_forearm"]
 

@@ -112,3 +112,16 @@ def test_a_raw_log_of_another_skin_is_refused(pressed: Path, tmp_path: Path) -> 
     with pytest.raises(RecordingError, match="later than the one before"):
         import_yarp_log(pressed, tmp_path / "a.mcap", patch="left_forearm", robot=nao)
     assert not list(tmp_path.glob("*.mcap*"))
+
+
+def test_an_import_tells_what_it_used_and_what_it_assumed(tmp_path: Path) -> None:
+    log = tmp_path / "data.log"
+    log.write_text("".join(f"{k} {10.0 + 0.02 * k} {'240 ' * 384}\n" for k in range(5)))
+    words = ["log", "import", str(log), str(tmp_path / "a.mcap")]
+    told = json.loads(tci(*words, "icub", "--patch", "left_forearm", "--json"))
+    assert told["used"] == ["left_forearm, 5 frames"]
+    assert told["assumed"] == ["all joints of icub rest at the initial posture"]
+    (tmp_path / "a.mcap").unlink()
+    printed = tci(*words)
+    assert "used: skin, 5 frames" in printed
+    assert "assumed" not in printed

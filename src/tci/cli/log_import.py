@@ -123,8 +123,11 @@ def _tell_contacts(listed: ImportedContacts, out: Path, *, as_json: bool) -> Non
     from tci.cli.console import console, written
 
     counts = {"periods": listed.periods, "contacts_left_out": listed.left_out}
-    more = {"parts": [_facts(fit) for fit in listed.parts]} if listed.parts else {}
+    used, assumed = _used(out, joints=False)
+    more: dict[str, Any] = {"used": used, "assumed": assumed}
+    more |= {"parts": [_facts(fit) for fit in listed.parts]} if listed.parts else {}
     written(out, counts, more, as_json=as_json)
+    _tell_lines([] if as_json else used, [] if as_json else assumed)
     for fit in () if as_json else listed.parts:
         colour = {"fits": "green", "wrong": "red"}.get(fit.verdict, "yellow")
         console.print(_sentence(fit), style=colour, highlight=False, markup=False)
@@ -133,10 +136,36 @@ def _tell_contacts(listed: ImportedContacts, out: Path, *, as_json: bool) -> Non
 def _tell(done: Imported, out: Path, *, what: str = "periods", as_json: bool) -> None:
     from tci.cli.console import console, written
 
-    more = {"left_out": done.left_out, "doubts": done.doubts}
+    used, assumed = _used(out, joints=done.joints)
+    more = {"used": used, "assumed": assumed, "left_out": done.left_out, "doubts": done.doubts}
     written(out, {what: done.periods}, more, as_json=as_json)
-    for said in () if as_json else (*done.doubts, *(f"left out: {one}" for one in done.left_out)):
+    if as_json:
+        return
+    _tell_lines(used, assumed)
+    for said in (*done.doubts, *(f"left out: {one}" for one in done.left_out)):
         console.print(f"  {said}", style="yellow", highlight=False, markup=False)
+
+
+def _tell_lines(used: list[str], assumed: list[str]) -> None:
+    from tci.cli.console import console
+
+    for said in used:
+        console.print(f"  used: {said}", highlight=False, markup=False)
+    for said in assumed:
+        console.print(f"  assumed: {said}", style="yellow", highlight=False, markup=False)
+
+
+def _used(out: Path, *, joints: bool) -> tuple[list[str], list[str]]:
+    """What a new recording has of the file, and what it has not from there."""
+    from tci.recording.index import indexed
+    from tci.recording.recording import Recording
+
+    topics, robot = indexed(out), Recording(out).about.get("robot")
+    names = [name for name in topics if name.startswith("/skin/") and name != "/skin/points"]
+    used = [f"{name.removeprefix('/skin/')}, {topics[name].messages} frames" for name in names]
+    if joints:
+        return [f"joints of {robot}, {topics['/joint_states'].messages} readings", *used], []
+    return used, [f"all joints of {robot} rest at the initial posture"] if robot else []
 
 
 def _facts(fit: TableFit) -> dict[str, Any]:

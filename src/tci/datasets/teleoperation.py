@@ -273,7 +273,7 @@ def _write(taken: _Taken, out: Path, robot: Robot | None, *, source: str) -> Imp
             joints = JointReading(now, int(row), angles[row], still)
             importer.write(Reading(joints, _frames(touch, now, int(row))))
     doubts = (*taken.doubts, *plausible.doubts(), *streams.doubts())
-    return Imported(importer.recorder.ticks, doubts, tuple(taken.left_out))
+    return Imported(importer.recorder.ticks, doubts, tuple(taken.left_out), joints=bool(taken.joints))
 
 
 def _frames(touch: dict[str, Array], now: float, row: int) -> tuple[SkinFrame, ...]:

@@ -47,6 +47,8 @@ class Imported:
     """What can't be as the file says, a sentence each."""
     left_out: tuple[str, ...] = ()
     """What the file has and the recording has not."""
+    joints: bool = False
+    """True if the file has the robot's angles; without them its joints are said to rest."""
 
 
 class Plausibility:

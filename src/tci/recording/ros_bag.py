@@ -59,7 +59,7 @@ def import_ros_bag(bag: Path, out: Path, robot: Robot) -> Imported:
         for reading in chain(first, readings):
             angles.see(reading.joints.position)
             importer.write(unmeasured.mend(reading))
-    return Imported(importer.recorder.ticks, angles.doubts(), left_out)
+    return Imported(importer.recorder.ticks, angles.doubts(), left_out, joints=True)
 
 
 def _readings(bag: Path, robot: Robot) -> Iterator[Reading]:

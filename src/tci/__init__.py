@@ -1,4 +1,4 @@
-"""TCI, the Tactile Capabilities Interface: write a touch behaviour once, run it on any humanoid.
+"""TCI, the Tactile Capabilities Interface: write a touch behaviour once, run it on any robot with skin.
 
 Most programs need only the names below; `tci.messages`, `tci.body`, `tci.drivers` and other packages have
 more (docs/reference.md). Each name is loaded when it is first used, so `import tci` takes no longer than

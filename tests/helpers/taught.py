@@ -234,12 +234,12 @@ class Outcome:
 def guide(
     name: str, seed: int, *, repeat: bool = True, capability: tci.Capability[Any] | None = None
 ) -> Outcome | None:
-    """A hand guides an arm at a random place; then the other arm is tapped. None if the arm can't go at 0.2
-    m/s there."""
+    """A hand guides an arm at a random place; then the other arm is tapped, or one that stands alone, twice.
+    None if the arm can't go at 0.2 m/s there."""
     random, robot = np.random.default_rng(seed), tci.load_robot(name)
     arms = [one.name for one in robot.parts if one.kind == "arm"]
     part = str(random.choice(arms))
-    other = next(one for one in arms if one != part)
+    other = next((one for one in arms if one != part), part)
     start = np.deg2rad(random.uniform([0, 15, -20, 40, -20], [50, 50, 20, 90, 20]))
     angles = _angles(robot, part, start)
     rate = float(random.choice([100.0, 500.0]))
@@ -278,7 +278,8 @@ def guide(
                 ended.append(
                     (plant.time, "its own body" if "would come" in str(one) else "the gate's limits")
                 )
-        tap.times = (hand.first + hand.lasts + 0.6,)
+        after = hand.first + hand.lasts + 0.6
+        tap.times = (after,) if other != part else (after, after + 0.3)
 
     lasts = 0.6 + GUIDES + 0.2 + ((0.6 + 0.7 + 3.0 + GUIDES + 0.5) if repeat else 0.0)
     result = run(RigidDriver(plant), capability or tci.Teach(), duration=lasts, observe=see)

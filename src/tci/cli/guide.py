@@ -72,7 +72,8 @@ def first_steps() -> str:
     width = max(len(command) for command, _ in FIRST)
     return "\n".join(
         [
-            "TCI, the Tactile Capabilities Interface: write a touch behaviour once, run it on any humanoid.",
+            "TCI, the Tactile Capabilities Interface: write a touch behaviour once, run it on any robot with "
+            "skin.",
             "",
             "Try first:",
             *(f"  {command:<{width}}  {purpose}" for command, purpose in FIRST),

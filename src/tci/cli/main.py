@@ -41,7 +41,7 @@ from tci.errors import DescriptionError, TciError
 
 app = typer.Typer(
     name="tci",
-    help="Tactile Capabilities Interface: write a touch behaviour once, run it on any humanoid.",
+    help="Tactile Capabilities Interface: write a touch behaviour once, run it on any robot with skin.",
     epilog="Try first: tci demo. This is software, not a certified safety function.",
     rich_markup_mode="rich",
 )

@@ -3,6 +3,7 @@ formulas."""
 
 from __future__ import annotations
 
+import re
 from itertools import product
 from pathlib import Path
 from typing import get_args
@@ -179,3 +180,39 @@ def test_a_lift_that_is_not_square_is_refused_with_what_is_valid(tmp_path: Path)
     turned = made(tmp_path, turns=True, lift=(0.0, 0.99, 0.141067))
     with pytest.raises(DescriptionError, match="lift: carry what bends as an arm at turn does"):
         propose(turned, name="arm")
+
+
+def pair(folder: Path, *, carried: bool) -> Path:
+    """Two such arms beside each other; with `carried`, their shoulders have the order roll, yaw, pitch."""
+    path = made(folder, turns=False)
+    head, arm = path.read_text().removesuffix("</robot>").split("<link name='base'/>")
+    head += "<link name='base'/>"
+    for side, y in (("left", 0.4), ("right", -0.4)):
+        own = re.sub("'(pan|lift|elbow|wrist)'", rf"'{side}_\1'", arm)
+        if carried:
+            own = own.replace("<parent link='base'/>", f"<parent link='{side}_roll'/>")
+            own += (
+                f"<link name='{side}_roll'><inertial><mass value='1'/>"
+                "<inertia ixx='0.01' iyy='0.01' izz='0.01' ixy='0' ixz='0' iyz='0'/></inertial></link>"
+                f"<joint name='{side}_roll' type='revolute'><parent link='base'/>"
+                f"<child link='{side}_roll'/><origin xyz='0 {y} 0'/><axis xyz='1 0 0'/>"
+                "<limit lower='-2' upper='2' effort='60' velocity='2'/></joint>"
+            )
+        else:
+            own = own.replace("<origin xyz='0 0 0.1' rpy='0 0 0'/>", f"<origin xyz='0 {y} 0.1'/>")
+        head += own
+    path.write_text(head + "</robot>")
+    return path
+
+
+def test_two_arms_of_other_shoulders_are_refused_with_advice_that_works(tmp_path: Path) -> None:
+    path = pair(tmp_path, carried=False)
+    with pytest.raises(DescriptionError, match=r"two limbs, at left_pan and right_pan.*: --arms with one"):
+        propose(path, name="arms")
+    robot = propose(path, name="arms", arms=("right_pan",), side="right")
+    (arm,) = (part for part in robot.parts if part.kind == "arm")
+    moved = [robot.servos[one.servo].joint for one in arm.servos if one.servo is not None]
+    assert moved == ["right_pan", "right_lift", "right_elbow"]
+    assert robot.model.stands_on is None
+    with pytest.raises(DescriptionError, match=r"carried by left_roll and right_roll.*valid: a robot"):
+        propose(pair(tmp_path, carried=True), name="arms")

@@ -138,11 +138,17 @@ def _only(model: Model, joints: Sequence[Joint], first: str | None) -> Limb:
         return arms[0]
     if first is not None:
         message = f"no arm starts at the joint {first}; valid: {' or '.join(names) or 'none in this model'}"
+    elif len(names) == 2 and (others := [_carriers(joints, limb) for limb in arms]) and all(others):
+        message = (
+            f"two limbs, at {' and '.join(names)}, carried by {' and '.join(others)}: neither a shoulder of "
+            "three joints of which the last turns the upper arm about its length, nor a pan and a lift; "
+            "valid: a robot with one of these shoulders (no option changes the order of its joints)"
+        )
     elif len(names) == 2:
         message = (
             f"two limbs, at {' and '.join(names)}, that are no arms of a humanoid: of their shoulders three "
             "joints form no ball, or they are no mirror images; valid: --arms with one of these joints, to "
-            "describe this arm alone"
+            "describe this arm alone, and --mount with what it sticks out of if its pan is not upright"
         )
     elif not names and (jaws := _jaws(model, joints)):
         message = (
@@ -170,15 +176,20 @@ def _jaws(model: Model, joints: Sequence[Joint]) -> str:
 def _check_carriers(model: Model, joints: Sequence[Joint], limb: Limb) -> None:
     """Raises DescriptionError if joints carry the arm that are not parallel to its pan: then the real pan is
     another one."""
-    pan, *carriers = ancestors(joints, limb.ball[0])
-    others = [joints[one].name for one in carriers if abs(joints[one].axis @ joints[pan].axis) < LEVEL]
-    if others:
+    if others := _carriers(joints, limb):
         message = (
-            f"{', '.join(others[::-1])}: carry what bends as an arm at {joints[pan].name} does, and are not "
+            f"{others}: carry what bends as an arm at {joints[limb.ball[0]].name} does, and are not "
             "parallel to that joint; valid: an arm whose first joint is its pan, and whose second, square to "
             "the first, is its lift"
         )
         raise DescriptionError(model.path, [Fault(0, message)])
+
+
+def _carriers(joints: Sequence[Joint], limb: Limb) -> str:
+    """Names of the joints that carry an arm and are not parallel to its pan."""
+    pan, *carriers = ancestors(joints, limb.ball[0])
+    others = [joints[one].name for one in carriers if abs(joints[one].axis @ joints[pan].axis) < LEVEL]
+    return ", ".join(others[::-1])
 
 
 def _outward(joints: Sequence[Joint], limb: Limb, base: Array) -> Array:

@@ -1,0 +1,67 @@
+"""What people do to humanoids works on one arm in sleeves of 64 taxels (franka) and on one hand (allegro)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tci
+from tci.capabilities import FingerReflex, Sway
+from tci.runtime.loop import Tick
+
+
+@pytest.mark.parametrize(
+    ("name", "patch", "reflex", "says"),
+    [
+        ("franka", "left_forearm", tci.WithdrawalReflex(), "panda_joint"),
+        ("allegro", "right_middle_tip", FingerReflex(), "joint_"),
+    ],
+)
+def test_the_five_lines(name: str, patch: str, reflex: tci.Capability[Any], says: str) -> None:
+    with tci.connect(name, "sim") as driver:
+        driver.world.finger.poke(patch, 20)
+        result = tci.run(driver, reflex, duration=0.8)
+    assert f"touched {patch}" in str(result)
+    assert f"moved {says}" in str(result)
+
+
+class Still(tci.Capability[None]):
+    """Moves nothing."""
+
+    def init(self, body: tci.GenericBody) -> None:
+        return None
+
+    def step(
+        self, memory: None, perception: tci.Perception, body: tci.GenericBody
+    ) -> tuple[tuple[tci.GenericCommand, ...], None]:
+        return (), None
+
+
+def felt(name: str, touch: str, capability: tci.Capability[Any], duration: float) -> np.ndarray:
+    """A hand touches a robot. Rows (k, 5): time [s], force [N] and place [m] in its link's frame of each
+    contact."""
+    rows: list[tuple[float, ...]] = []
+
+    def see(tick: Tick) -> None:
+        rows.extend((tick.now, one.force, *one.p_L) for one in tick.perception.contacts)
+
+    with tci.connect(name, "sim", people=1) as driver:
+        driver.world.touch(touch)
+        result = tci.run(driver, capability, duration=duration, observe=see)
+    assert result.state.name == "RUN"
+    return np.array(rows)
+
+
+def test_a_stroke_is_felt_along_an_arm_and_a_tap_on_a_finger() -> None:
+    stroke = felt("franka", "stroke 'left forearm' 3N 8cm/s", Still(), 2.5)
+    assert np.ptp(stroke[:, 2:], axis=0).max() > 0.05
+    tap = felt("allegro", "tap 'right index finger' 3N", Still(), 1.2)
+    assert 1.5 < tap[:, 1].max() < 4.5
+
+
+def test_a_gentle_arm_gives_way_to_a_push() -> None:
+    """A first peak is at most 27 N (docs/gentle.md)."""
+    rows = felt("franka", "push 'left forearm'", tci.Gentle(Sway()), 1.5)
+    assert 5.0 < rows[:, 1].max() <= 27.0

@@ -97,7 +97,13 @@ def sweep(
             options = dict(_pair(text) for text in slurm or ())
             _on_cluster(asked, cluster, shards, workers or 1, minutes, options, quiet=as_json)
         elif not merge:
-            _here(asked, None if shard is None else Shard.parse(shard), workers, quiet=as_json)
+            part = None if shard is None else Shard.parse(shard)
+            try:
+                _here(asked, part, workers, quiet=as_json)
+            except KeyboardInterrupt:
+                if not as_json:
+                    console.print(_left(asked, len(asked.results())), highlight=False, markup=False)
+                raise
     found = asked.results()
     if merge and len(found) < trials:
         lacking = f"{trials - len(found)} of {trials} trials are not in {asked.folder}"
@@ -158,8 +164,13 @@ def _tell(asked: Sweep, found: Sequence[Result], *, whole: bool, as_json: bool) 
         print_json({"folder": str(asked.folder), "trials": len(found), "of": len(asked.jobs), "kinds": kinds})
         return
     _show(asked, kinds)
-    left = f"{len(found)} of {len(asked.jobs)} trials are done; the same command again goes on"
-    console.print(f"all of them: {table}" if whole else left, highlight=False, markup=False)
+    console.print(
+        f"all of them: {table}" if whole else _left(asked, len(found)), highlight=False, markup=False
+    )
+
+
+def _left(asked: Sweep, done: int) -> str:
+    return f"{done} of {len(asked.jobs)} trials are done; the same command again goes on"
 
 
 def _summary(found: Sequence[Result]) -> dict[str, Any]:

@@ -77,6 +77,10 @@ def test_what_is_kept_is_not_done_again_and_a_torn_line_is(tmp_path: Path) -> No
     assert file.read_text().startswith(before[:-20])
     assert [one["square"] for one in asked.results()] == [number**2 for number in range(8)]
     assert [one["pid"] == os.getpid() for one in asked.results()] == [True] * 4 + [False] * 4
+    more = Sweep(tmp_path / "more", slow, [(number,) for number in range(200)], "one")
+    with pytest.raises(Stopped):
+        more.run(workers=2, progress=stop_after)
+    assert 5 <= len(more.results()) < 100, "what has not begun is left out"
     other = Sweep(tmp_path, slow, asked.jobs, "other")
     assert not other.results(), "results of other settings don't count"
     assert other.missing_shards(3) == [Shard(1, 3), Shard(2, 3), Shard(3, 3)]

@@ -10,6 +10,7 @@ import hashlib
 import json
 import os
 import re
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
@@ -118,17 +119,17 @@ class Sweep:
             return
         if not jobs or time.monotonic() >= until:
             return
-        with ProcessPoolExecutor(workers) as pool:
-            try:
-                waiting = {pool.submit(self.work, *job): job for job in jobs}
-                for one in as_completed(waiting):
-                    if not one.cancelled():
-                        yield waiting[one], _outcome(one)
-                    if time.monotonic() >= until:
-                        for other in waiting:
-                            other.cancel()
-            finally:
-                pool.shutdown(wait=False, cancel_futures=True)
+        pool = ProcessPoolExecutor(workers, initializer=_leave_interrupts)
+        try:
+            waiting = {pool.submit(self.work, *job): job for job in jobs}
+            for one in as_completed(waiting):
+                if not one.cancelled():
+                    yield waiting[one], _outcome(one)
+                if time.monotonic() >= until:
+                    for other in waiting:
+                        other.cancel()
+        finally:  # also after Ctrl-C: what has not begun is left out
+            pool.shutdown(cancel_futures=True)
 
     def _keep(self, shard: Shard, job: Job, result: Result) -> None:
         """Appends a line to the shard's file, after the end of a line that a process which was killed left
@@ -146,6 +147,11 @@ class Sweep:
         kept = self.kept()
         lacks = [json.dumps(job) not in kept for job in self.jobs]
         return [Shard(k + 1, of) for k in range(of) if any(lacks[k::of])]
+
+
+def _leave_interrupts() -> None:
+    """Ctrl-C is for the process that waits for this one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _outcome(done: Future[Result]) -> Result | Exception:

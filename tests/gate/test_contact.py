@@ -21,6 +21,7 @@ from tci.capabilities.capability import Capability
 from tci.errors import CommandError, UnknownNameError
 from tci.gate.contact import reaction
 from tci.gate.contact.settings import ContactSettings
+from tci.gate.contact.weights import bends
 from tci.gate.gate import Gate, GateSettings, GateState
 from tci.gate.joint_monitor import Reference
 from tci.messages import (
@@ -38,6 +39,7 @@ from tci.messages.contacts import CONTACT, TAXEL, Site
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.catalogue import load_robot
+from tci.robot.joint_calibration import Tool
 from tci.runtime.loop import run
 
 ZERO = [0.0] * 6
@@ -119,6 +121,16 @@ def test_an_arm_that_carries_a_weight_does_not_sink_after_a_contact(monkeypatch:
     assert held.angles[1] > -np.deg2rad(9.1)
     held.step(position_command([2], [0.2]))
     assert not held.refused, "the contact is over"
+
+
+def test_what_hands_carry_bends_the_waist_too() -> None:
+    """A G1 with 0.5 kg in its left hand, whose waist turned at full speed, met "something" at the waist."""
+    robot = load_robot("g1")
+    roll = next(servo.index for servo in robot.servos if servo.name == "waist_roll_joint")
+    loads = {"left_wrist_yaw_link": Tool(mass=0.5, centre=(0.0, 0.0, 0.0))}
+    bare, loaded = (np.rad2deg(bends(robot, one)[roll]) for one in ({}, loads))
+    assert 0.9 < bare < 1.6, "0.3 kg at 0.4 to 0.9 m of 35 N m, and friction"
+    assert bare + 0.5 < loaded < 4.0
 
 
 def test_a_person_who_bends_a_joint_as_a_weight_might_is_freed_all_the_same(

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from tci.errors import DescriptionError, UnknownNameError
-from tci.messages.frames import Array, read_only
+from tci.messages.frames import Array, apply, invert, read_only
 from tci.robot.description import Robot
 from tci.robot.gravity import STANDARD_GRAVITY
 from tci.robot.joint_calibration import Tool
@@ -62,9 +63,9 @@ def bends(robot: Robot, loads: Mapping[str, Tool]) -> Array:
         levers = _levers(robot)
     except (DescriptionError, UnknownNameError):
         return weights
-    for links, lever in levers:
-        mass = UNDECLARED + sum(tool.mass for link, tool in loads.items() if link in links)
-        weights = np.maximum(weights, mass * STANDARD_GRAVITY * lever)
+    for one in levers:
+        mass = UNDECLARED + sum(tool.mass for link, tool in loads.items() if link in one.links)
+        weights = np.maximum(weights, mass * STANDARD_GRAVITY * np.maximum(one.arm, one.waist))
     torque = np.array([servo.limits.torque or np.inf for servo in robot.servos])
     bent: Array = np.where(weights > 0.0, SOFT * (weights / torque + FRICTION), 0.0)
     return np.minimum(bent, MOST)
@@ -74,20 +75,29 @@ def longest_levers(robot: Robot) -> Array:
     """Longest lever (n_servos,) [m] that a force on an arm's hand has at each joint; 0 where the model is
     unknown."""
     try:
-        levers = [lever for _, lever in _levers(robot)]
+        levers = [one.arm for one in _levers(robot)]
     except (DescriptionError, UnknownNameError):
         levers = []
     return np.array(np.max([np.zeros(len(robot.servos)), *levers], axis=0))
 
 
+class _Levers(NamedTuple):
+    """Longest levers (n_servos,) [m] that a weight in the hand of one arm has."""
+
+    links: frozenset[str]
+    """Those of the arm."""
+    arm: Array
+    waist: Array
+    """At joints below the torso, which carry the arm."""
+
+
 @lru_cache(maxsize=8)
-def _levers(robot: Robot) -> tuple[tuple[frozenset[str], Array], ...]:
-    """For each arm its links, and the longest lever (n_servos,) [m] that a weight in its hand has."""
+def _levers(robot: Robot) -> tuple[_Levers, ...]:
     chain, random = KinematicChain(robot), np.random.default_rng(0)
     lower = np.array([servo.limits.lower or 0.0 for servo in robot.servos])
     upper = np.array([servo.limits.upper or 0.0 for servo in robot.servos])
     postures = random.uniform(lower, np.maximum(lower, upper), (POSTURES, len(lower)))
-    found = []
+    root, found = chain.links[0], list[_Levers]()
     for part in robot.parts:
         own = {one.servo for one in part.servos if one.servo is not None}
         if part.kind != "arm" or not own:
@@ -98,5 +108,19 @@ def _levers(robot: Robot) -> tuple[tuple[frozenset[str], Array], ...]:
         longest = np.max(levers, axis=0)
         links = frozenset(name for name, servos in moved.items() if own & servos)
         moves = np.isin(np.arange(len(lower)), [*moved[link]])
-        found.append((links, read_only(np.where(moves, longest + BEYOND, 0.0))))
+        carried = [_at_root(chain, one, root, link) for one in postures]
+        waist = np.where(
+            np.isin(np.arange(len(lower)), [*chain.chain(root)]), np.max(carried, axis=0), -BEYOND
+        )
+        found.append(
+            _Levers(links, read_only(np.where(moves, longest + BEYOND, 0.0)), read_only(waist + BEYOND))
+        )
     return tuple(found)
+
+
+def _at_root(chain: KinematicChain, position: Array, root: str, link: str) -> Array:
+    """Levers (n_servos,) [m] of the frame of `link` at the joints between the torso and the root."""
+    poses = chain.poses(position, (root, link))
+    point = apply(invert(poses[root]), poses[link][:3, 3])
+    levers: Array = np.linalg.norm(chain.jacobian(position, root, point=point)[:3], axis=0)
+    return levers

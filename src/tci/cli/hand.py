@@ -66,11 +66,17 @@ def hand(
 
     from tci.drivers.registry import source_at
     from tci.drivers.source_reader import SourceReader
-    from tci.errors import DriverError
+    from tci.errors import CommandError, DriverError
+    from tci.robot.catalogue import robot_names
 
     if via is None:
         _list(as_json=as_json)
         return
+    if via in robot_names():
+        message = (
+            f"{via} is a robot's name; valid: the address of a hand, or tci view {via} for a simulated one"
+        )
+        raise CommandError(message)
     source = source_at(via)
     if not source.pads:
         raise DriverError(f"{via} has no pads of its own; valid: beside a robot, --via 'sim + {via}'")

@@ -281,3 +281,50 @@ def test_what_rests_stays_where_it_is() -> None:
         for _ in range(200):
             limiter.step()
     assert limiter.state[0] == pytest.approx(limiter.target, abs=1e-9)
+
+
+def test_servos_that_go_on_from_where_they_are_held_keep_limits_couplings_and_speed() -> None:
+    """With a speed from outside and the acceleration of before, they went 7 % faster than allowed."""
+    restarted = 0
+    for seed in range(8):
+        random = np.random.default_rng(seed)
+        limiter = OnlineTrajectory(
+            BOUNDS, BOUNDS.nearest(random.uniform(BOUNDS.lower, BOUNDS.upper), FREE), PERIOD
+        )
+        aim_anywhere(limiter, random)
+        path = [limiter.position]
+        for _ in range(300):
+            if random.random() < 0.05:
+                target = BOUNDS.nearest(random.uniform(BOUNDS.lower, BOUNDS.upper), FREE)
+                limiter.aim(target, BOUNDS.velocity, together=bool(random.random() < 0.5))
+            if random.random() < 0.01:
+                limiter.halt()
+            if random.random() < 0.3:
+                places = np.flatnonzero(random.random(len(ARM)) < 0.5).tolist()
+                off, speed = random.normal(0.0, [[0.1], [2.0]], (2, len(places)))
+                limiter.restart(places, limiter.position[places] + off, speed)
+                restarted += not np.array_equal(limiter.position, path[-1])
+            path.append(limiter.step())
+        value = path @ BOUNDS.coupling.T
+        assert np.all((value >= BOUNDS.coupling_lower - 1e-9) & (value <= BOUNDS.coupling_upper + 1e-9))
+        assert np.all((path >= BOUNDS.lower - 1e-9) & (path <= BOUNDS.upper + 1e-9))
+        assert np.all(np.abs(np.diff(path, axis=0)) <= BOUNDS.velocity * PERIOD * (1.0 + 1e-6))
+    assert restarted > 100
+
+
+def test_a_servo_that_is_pushed_off_a_straight_way_brakes_with_its_whole_acceleration() -> None:
+    """With its share of the acceleration, for a short way beside a long one, it went 21 degrees too far."""
+    limiter = OnlineTrajectory(BOUNDS, BOUNDS.nearest(0.5 * (BOUNDS.lower + BOUNDS.upper), FREE), PERIOD)
+    limiter.aim(BOUNDS.nearest(limiter.position + np.eye(len(ARM))[3] * 0.5, FREE), BOUNDS.velocity)
+    limiter.step()
+    limiter.halt()
+    while not limiter.rests:
+        limiter.step()
+    target = limiter.position.copy()
+    target[[0, 3]] += 0.6, 0.02
+    limiter.aim(target, BOUNDS.velocity)
+    limiter.step()
+    limiter.restart([3], limiter.position[[3]] + 0.01, np.ones(1))
+    path = np.array([limiter.step() for _ in range(300)])
+    assert path[:, 3].max() < target[3] + np.deg2rad(0.5)
+    np.testing.assert_allclose(path[-1], target, atol=1e-6)

@@ -110,3 +110,7 @@ def test_what_an_arm_feels_where_it_touches_its_own_leg_is_nobody(towards: bool)
     arm.run(0.5, goal=86.5, contacts=touch("left_forearm", pair.p_T, way))
     assert ("met its own" in arm.told[0]) is towards
     assert arm.told[0].endswith("it stops" if towards else "it goes back")
+    stopped = arm.angles[PITCH]
+    arm.gate.free()
+    arm.run(1.0, contacts=touch("left_forearm", pair.p_T, way))
+    assert not towards or arm.angles[PITCH] < stopped - np.deg2rad(1.0), "an operator's word counts more"

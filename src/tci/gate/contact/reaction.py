@@ -218,7 +218,8 @@ class ContactReaction:
                 if why:
                     told.append(why)
             else:
-                group.slow = group.slow or freeing
+                if freeing:
+                    group.slow, group.thing = True, None
                 goal = self._judge(group, seen)
             if group.goal is not None and (group.answer != "stop" or group.slow):
                 held += seen.servos[seen.own & (seen.errors > CLEAR * self._settings.held)].tolist()

@@ -555,15 +555,17 @@ def test_a_resting_arm_that_is_pushed_by_hand_does_not_retreat_but_gives_way() -
     assert not safe.refusals
 
 
-def test_a_resting_arm_that_gets_a_weight_holds_it_after_two_steps() -> None:
-    """Without skin nobody knows whether it is a hand."""
+@pytest.mark.parametrize("touch", [0.0, 2.0, 14.0])
+def test_a_resting_arm_that_gets_a_weight_holds_it_after_two_steps(touch: float) -> None:
+    """Without skin nobody knows whether it is a hand. Somebody who touched it elsewhere made it sink by 86
+    degrees."""
     held = Held(at=10.0)
     held.step(position_command([2], [0.5]))
     for _ in range(1200):
         held.step()
     for step in range(3000):
         held.hand[2] = -np.deg2rad(min(0.05 * step, 2.5))
-        held.step()
+        held.step(contacts=pressed(touch) if touch else None)
     assert not held.told
     assert 0.5 - np.deg2rad(5.2) < held.sent[2] < 0.5 - np.deg2rad(2.0)
 

@@ -29,6 +29,7 @@ class Softness:
     def __init__(self) -> None:
         self.soft = False
         """Somebody presses the resting part, and its reference follows."""
+        self._led = False  # by a hand that skin feels, so nothing need be told from a weight
         self._bent: Array | None = None
         self._moved = np.nan
         self._pressed = -np.inf
@@ -45,6 +46,7 @@ class Softness:
 
     def let_go(self, now: float) -> None:
         """Nothing presses at `now` [s], or so little that a joint hardly tells."""
+        self._led = False
         if now - self._pressed > LASTS:
             self.soft, self._last = False, None
 
@@ -81,6 +83,7 @@ class Softness:
         if self._bent is None or (force < UNLOADED and not (moves or self.soft)):
             self.rest(np.clip(reference - here, -held, held), moved)
         assert self._bent is not None
+        self._led = not moves and (force > most or (self._led and force > LIGHT))
         if bent:
             self.soft, self._pressed = True, now
         elif force > most and not moves:
@@ -90,7 +93,7 @@ class Softness:
         off = here + self._bent - reference
         if not self.soft or np.abs(off).max() <= YIELDS:
             return None
-        return here + self._bent if force >= UNLOADED else self._step(here, reference, off, now, rests=rests)
+        return here + self._bent if self._led else self._step(here, reference, off, now, rests=rests)
 
     def _step(self, here: Array, reference: Array, off: Array, now: float, *, rests: bool) -> Array | None:
         """The next step, if nothing tells a weight: a hand's bend differs from that before, or changes while

@@ -25,6 +25,8 @@ DEVICE = "inspire-rh56dftp"
 LETTERS = {"left": "l", "right": "r"}
 FULL = 1000
 """Value of an angle at its open end; 0 is bent."""
+LEAVES = -1
+"""Value of a commanded angle that leaves a joint as it is."""
 ANGLE = 1
 """Bit of a command's `mode`: its angles count. Without it the hand does not move to them."""
 TURNS = {"tip": "tip", "top": "top", "middle": "middle", "pad": "palm"}

@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,9 @@ from tci.drivers.driver import Driver
 from tci.errors import DriverError
 from tci.gate.safe_command import GateState
 from tci.reasons import Code
-from tci.shared.inspire_dds import CTRL, topic
+from tci.shared.inspire_dds import CTRL, SETS, decode, topic
 from tci.shared.interface_node import InterfaceNode
+from tci.wires.unitree.inspire_fingers import InspireFingers
 
 pytestmark = [pytest.mark.timeout(90), pytest.mark.xdist_group("unitree-inspire")]
 JOINTS = (  # in the order of the messages, with the range [rad] that Unitree's URDF gives
@@ -178,6 +180,36 @@ def test_a_hand_that_is_silent_or_sends_zeros_holds_and_comes_back_and_an_error_
         assert len(bridge.heard) <= count + 1, "nothing more is sent"
         with pytest.raises(DriverError, match="reports stall"):
             tci.connect("g1-inspire", f"unitree:lo/{domain}", arm=True)
+
+
+def test_a_halt_sends_no_old_angles_and_nothing_to_a_hand_that_nobody_moved() -> None:
+    sent: list[bytes] = []
+    node: Any = SimpleNamespace(other_writers=lambda _: 0, out=lambda *_: sent.append)
+    state = np.array([1004, 800, 700, 600, 500, -3])
+    hand: Any = SimpleNamespace(
+        side="left", servos=np.arange(6), places=np.arange(6), state=state, late=False
+    )
+    fingers = InspireFingers(node, hand)
+
+    def targets(now: float) -> list[int]:
+        fingers.repeat(now)
+        return [int(one) for one in decode(sent[-1], SETS, {})[0]["angle_set"]]
+
+    fingers.hold()
+    fingers.repeat(0.0)
+    assert not sent, "it stands still by itself"
+    fingers.obey(moving(1, 1.4381 * 0.4))
+    assert targets(1.0) == [1000, 600, 700, 600, 500, -1]
+    hand.late = True
+    fingers.hold()
+    assert targets(2.0)[1] == 600, "not back to where it was"
+    hand.late, state[1] = False, 650
+    fingers.hold()
+    assert targets(3.0)[1] == 650
+
+
+def moving(servo: int, angle: float) -> Any:
+    return SimpleNamespace(servos=np.array([servo]), position=np.array([angle]))
 
 
 def test_another_program_that_commands_a_hand_keeps_the_robot_unarmed() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from tci.errors import DriverError
 from tci.gate.safe_command import SafeCommand
 from tci.messages.clock import Every
-from tci.shared.inspire_dds import ANGLE, CTRL, encode, topic
+from tci.shared.inspire_dds import ANGLE, CTRL, FULL, LEAVES, encode, topic
 from tci.shared.interface_node import InterfaceNode
 from tci.wires.unitree.inspire_hand import InspireHand, counts
 
@@ -48,14 +48,18 @@ class InspireFingers:
             self._targets[places] = counts(places, safe.position[own])
 
     def hold(self) -> None:
-        """Sets the present angles of the fingers as targets."""
-        self._lead()
-        self._targets[:] = self.hand.state
+        """Sets the present angles of the fingers as targets, if they were moved. If nobody knows these angles
+        any more, they go on to their last targets: old angles would lead them back."""
+        if self._led and not self.hand.late:
+            self._stay()
 
     def _lead(self) -> None:
         if not self._led:
             self._led = True
-            self._targets[:] = self.hand.state
+            self._stay()
+
+    def _stay(self) -> None:
+        self._targets[:] = np.clip(self.hand.state, LEAVES, FULL)  # a hand at its end measures beyond it
 
     def repeat(self, now: float) -> None:
         """Sends the latest targets if a command is due at the time `now` [s]. Sends nothing before the first

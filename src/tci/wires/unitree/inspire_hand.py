@@ -110,6 +110,8 @@ class InspireHand:
         """Latest values (6,) of the angles, 0 to `FULL`; None before the first state."""
         self.stamp = -np.inf
         """Time [s] of the latest state."""
+        self.late = True
+        """True if the angles were too old when messages were read last."""
         self.fault = ""
         """Reason for which the fingers must not move until a person connects again."""
         self.frames: tuple[SkinFrame, ...] = ()
@@ -163,6 +165,7 @@ class InspireHand:
                 continue
             if stamp is not None:
                 self._see(state, min(stamp, now), now)
+        self.late = self.overdue(now)
         for sample in latest(self._touch) if self._pads else ():
             stamp = self._touched.place(sample.sample_info.source_timestamp * 1e-9, now)
             try:

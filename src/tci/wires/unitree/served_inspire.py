@@ -14,7 +14,7 @@ from tci.errors import FrameError
 from tci.messages import JointReading, Order, SkinFrame
 from tci.messages.clock import Every
 from tci.robot.description import Robot
-from tci.shared.inspire_dds import ANGLE, CTRL, FULL, PADS, SETS, STATE, TOUCH, decode, encode, topic
+from tci.shared.inspire_dds import ANGLE, CTRL, FULL, LEAVES, PADS, SETS, STATE, TOUCH, decode, encode, topic
 from tci.shared.interface_node import InterfaceNode, latest
 from tci.wires.unitree.inspire_hand import counts, inspire_pads, joints_of, radians
 
@@ -59,10 +59,10 @@ class ServedInspire:
             with suppress(FrameError):
                 command, mode = decode(sample.raw, SETS, {})
             wanted = command["angle_set"].astype(float)
-            if not mode or not mode[0] & ANGLE or np.any((wanted < -1.0) | (wanted > FULL)):
+            if not mode or not mode[0] & ANGLE or np.any((wanted < LEAVES) | (wanted > FULL)):
                 rejected["for a hand, without six angles of -1 to 1000 (mode 1)"] += 1
                 continue
-            led = wanted[self._places] >= 0.0  # -1 leaves a joint as it is
+            led = wanted[self._places] > LEAVES
             if led.any():
                 places = self._places[led]
                 order = position_order(self._servos[led], radians(places, wanted[places]))

@@ -23,7 +23,7 @@ EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["option
 HIDDEN = (
     "qi", "cyclonedds", "rosbags", "roslibpy", "pyarrow", "viser", "av", "py_trees", "lcm", "zenoh",
     "gymnasium", "trimesh", "collada", "rclpy", "rospy", "yarp", "icub-models", "example-robot-data",
-    "onnxruntime", "can", "websockets", "numcodecs",
+    "onnxruntime", "can", "websockets", "numcodecs", "submitit",
 )  # fmt: skip
 """Modules, and distributions that contain robot models, which are hidden in these tests."""
 ELSEWHERE = {
@@ -67,6 +67,7 @@ ALONE = {
     "hand linkerhand:can0,side=left": "linkerhand",
     "hand xela:127.0.0.1": "xela",
     "run tci.learn.touch_env:TouchEnv nao": "gym",
+    "sweep withdrawal nao --cluster slurm": "cluster",
 }
 CASES = {
     **{

@@ -59,12 +59,14 @@ class SourceFingers:
 
     def fill(self, joints: JointReading) -> JointReading:
         """The reading with the angles that the source measured: of each finger those at the stamp of the
-        newest frame of its pads, so that touches are placed where the finger was then."""
+        newest frame of its pads, so that touches are placed where the finger was then; without a frame the
+        latest."""
         position, velocity = joints.position.copy(), joints.velocity.copy()
         pads, track = self.reader.pads, self.reader.track
         for servo, joint in self.joints.items():
             stamp = max((pads[pad].stamp for pad in self.carried[servo]), default=-np.inf)
-            share, speed = track.at(joint.name, stamp)
+            felt = np.isfinite(stamp)
+            share, speed = track.at(joint.name, stamp) if felt else (track.latest.get(joint.name), 0.0)
             if share is not None:
                 position[servo] = joint.angle(share)
                 velocity[servo] = speed * (joint.rad[1] - joint.rad[0])

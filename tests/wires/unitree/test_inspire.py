@@ -27,6 +27,7 @@ from helpers.served import Served
 from helpers.touch_devices import InspireHand
 from tci.cli.main import app
 from tci.drivers.driver import Driver
+from tci.drivers.sourced import SourcedDriver
 from tci.errors import DriverError
 from tci.gate.safe_command import GateState
 from tci.reasons import Code
@@ -258,6 +259,13 @@ def test_the_bridges_topics_as_a_source_give_angles_too() -> None:
         with tci.connect("g1-inspire", f"sim + inspire:dds://lo/{domain},side=right") as driver:
             until(lambda: np.allclose(angles(driver, "r"), rad(ANGLES["r"])))
             assert not np.allclose(angles(driver, "l"), rad(ANGLES["l"])), "the other hand is simulated"
+            assert isinstance(driver, SourcedDriver)
+            bridge.tell({"r": {"zeros": True}})
+            (reader,) = driver.readers
+            until(lambda: reader.rejected.total() > 0)
+            frames = reader.pads["palm"].sequence
+            until(lambda: reader.rejected.total() > 30)
+            assert reader.pads["palm"].sequence > frames + 15, "without angles there is touch all the same"
     finally:
         bridge.close()
 

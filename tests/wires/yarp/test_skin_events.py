@@ -150,7 +150,7 @@ def test_the_genuine_skin_manager_tells_the_same_contact(poke: dict[str, Any]) -
     assert set(theirs.taxels) <= set(ours.taxels)
     assert all(EXCHANGE["rest"] - poke["raw"][str(n)] < 12 for n in {*ours.taxels} - {*theirs.taxels})
     turned = ours.normal @ theirs.normal / np.linalg.norm(ours.normal) / np.linalg.norm(theirs.normal)
-    assert np.degrees(np.arccos(min(turned, 1.0))) < 5.0
+    assert np.degrees(np.arccos(min(turned, 1.0))) < 1.0
     if poke["taxel"] in ALIKE:
         assert np.linalg.norm(ours.cop - theirs.cop) < 3e-3
 

@@ -30,9 +30,9 @@ class Balance:
             except (DescriptionError, UnknownNameError):
                 self._soles = {}
 
-    def loaded(self, contacts: Contacts | None) -> list[Patch]:
+    def loaded(self, contacts: Contacts) -> list[Patch]:
         """The soles on which the robot stands."""
-        if contacts is None or not self._soles:
+        if not self._soles:
             return []
         pressed = zip(contacts.site.tolist(), contacts.force.tolist(), strict=True)
         names = {contacts.sites[site].patch for site, force in pressed if force >= LOADED}

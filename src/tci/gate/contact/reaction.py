@@ -134,7 +134,7 @@ class ContactReaction:
     def forget(self) -> None:
         """Forgets paths and reactions, since the servos are under command no more."""
         self.blocked, self.reason, self.met = frozenset(), None, ()
-        self.held = self.held[:0]
+        self.held, self._soles = self.held[:0], []
         for group in self._groups.values():
             group.goal, group.slow, group.expected = None, False, 0.0
             group.softness.soft = False
@@ -177,7 +177,8 @@ class ContactReaction:
             return [], []
         self._stamp = joints.stamp
         felt = self._forces.step(contacts)
-        self._soles = self._balance.loaded(contacts)
+        if contacts is not None:  # while frames do not fit it goes on standing
+            self._soles = self._balance.loaded(contacts)
         freeing, self._freeing = self._freeing, False
         bent = self._following.bent(joints)
         bears = self._bearing.more(joints, self._settings.lag)

@@ -44,8 +44,9 @@ class InspireTopics:
         other = next(side for side in inspire_dds.LETTERS if side != self._side)
         self._other = self._node.reader(inspire_dds.topic("touch", other), inspire_dds.TOUCH)
 
-    def read(self, wait: float) -> list[Sample | FingerAngles]:
-        """Raises FrameError for a message that is none of this type."""
+    def read(self, wait: float) -> Iterator[Sample | FingerAngles]:
+        """Touch first: where the bridge can't read the angles it sends zeros, and touch all the same. Raises
+        FrameError for a message that is none of this type."""
         if self._reader is None:
             raise ConnectionResetError("not open")
         end = time.monotonic() + wait
@@ -55,10 +56,12 @@ class InspireTopics:
             states: list[IdlStruct] = latest(self._states)
             if found or states:
                 self._heard += len(found)
-                angles = self._angles(states[-1].raw) if states else []  # type: ignore[attr-defined] # set by carry_raw
-                return angles + (self._samples(found[-1].raw) if found else [])  # type: ignore[attr-defined]
+                if found:
+                    yield from self._samples(found[-1].raw)  # type: ignore[attr-defined] # set by carry_raw
+                if states:
+                    yield self._angles(states[-1].raw)  # type: ignore[attr-defined]
+                return
             time.sleep(PAUSE)
-        return []
 
     def diagnose(self) -> Iterator[Finding]:
         """Whether the bridge publishes this hand, or only the other one."""
@@ -82,10 +85,10 @@ class InspireTopics:
             self._node.close()
             self._node = None
 
-    def _angles(self, data: bytes) -> list[Sample | FingerAngles]:
+    def _angles(self, data: bytes) -> FingerAngles:
         angles = inspire_dds.state_in(data)["angle_act"] / inspire_dds.FULL
-        return [FingerAngles(dict(zip(self._names, angles.tolist(), strict=True)))]
+        return FingerAngles(dict(zip(self._names, angles.tolist(), strict=True)))
 
     @staticmethod
-    def _samples(data: bytes) -> list[Sample | FingerAngles]:
+    def _samples(data: bytes) -> list[Sample]:
         return [Sample(pad, values) for pad, values in inspire_dds.pads_in(data).items()]

@@ -6,9 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from helpers.gate_checks import position_command, reading
+from helpers.gate_checks import make_robot, position_command, reading
 from helpers.rigid_robot import Person, RigidRobot
 from helpers.squeezed import links_of
+from tci.errors import DescriptionError, TciError
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.gate import Gate, GateSettings, GateState
 from tci.messages import Contacts
@@ -114,3 +115,14 @@ def test_what_an_arm_feels_where_it_touches_its_own_leg_is_nobody(towards: bool)
     arm.gate.free()
     arm.run(1.0, contacts=touch("left_forearm", pair.p_T, way))
     assert not towards or arm.angles[PITCH] < stopped - np.deg2rad(1.0), "an operator's word counts more"
+
+
+def test_a_fixture_that_can_not_be_is_refused_and_none_is_left_out_in_silence() -> None:
+    with pytest.raises(TciError, match=r"fixture table: .*valid: finite numbers, and lengths above 0 m"):
+        Fixture("table", (0.0, 0.0, -1.0), (1.0, 1.0, 0.0))
+    twice = (Fixture("table", (0.0, 0.0, -1.0), (1.0, 1.0, 1.0)),) * 2
+    with pytest.raises(TciError, match="fixtures table, table; valid: another name for each"):
+        Lowered(*twice)
+    settings = GateSettings(contact=ContactSettings(fixtures=twice[:1]))
+    with pytest.raises(DescriptionError, match="model"):
+        Gate(make_robot(), period=PERIOD, stale_after=0.1, settings=settings)

@@ -256,7 +256,8 @@ class Gate:
 
     def set_contact(self, settings: ContactSettings) -> None:
         """Changes when a contact counts, and how each part answers it. Raises CommandError if something is in
-        contact, or if another gate answers contact; and UnknownNameError for a part that the robot lacks."""
+        contact, or if another gate answers contact; UnknownNameError for a part that the robot lacks; and
+        TciError for two fixtures of one name, or any beside a robot without a model."""
         if self._contact is None:
             raise CommandError("this gate does not answer contact; valid: the gate that owns the robot")
         if self.met or self._contact.blocked:

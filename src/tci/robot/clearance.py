@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.errors import CommandError
+from tci.errors import CommandError, TciError
 from tci.messages.frames import Array, apply, invert, read_only, transform
 from tci.robot.collisions import LEFT, RIGHT, exclude_overlaps, solid_spec, thick_pads
 from tci.robot.description import Robot
@@ -50,6 +50,13 @@ class Fixture:
     size: tuple[float, float, float]
     """Whole lengths [m] along x, y and z."""
 
+    def __post_init__(self) -> None:
+        if not (np.isfinite([*self.centre, *self.size]).all() and min(self.size) > 0.0):
+            raise TciError(
+                f"fixture {self.name}: centre {self.centre}, size {self.size}; valid: finite numbers, and "
+                "lengths above 0 m"
+            )
+
 
 class Near(NamedTuple):
     """Two links, or a link and a fixture, that nearly touch."""
@@ -70,7 +77,7 @@ class Clearance:
 
     def __init__(self, robot: Robot, fixtures: tuple[Fixture, ...] = ()) -> None:
         """Reads the robot's model, with `fixtures` beside its arms. Raises DescriptionError if the robot has
-        no model, or if a joint is missing in the model.
+        no model, or if a joint is missing in the model; TciError for two fixtures of one name.
 
         Links that overlap in the initial posture are assumed to overlap by construction. Such pairs of links
         are never checked for collision.
@@ -183,6 +190,9 @@ def _solid_model(robot: Robot, fixtures: tuple[Fixture, ...]) -> mujoco.MjModel:
     model = exclude_overlaps(spec, robot, initial_position(robot))
     if not fixtures or robot.model is None:
         return model
+    names = [one.name for one in fixtures]
+    if len({*names}) < len(names):
+        raise TciError(f"fixtures {', '.join(names)}; valid: another name for each")
     for one in fixtures:
         half = [0.5 * length for length in one.size]
         body = spec.worldbody.add_body(name=f"fixture {one.name}", pos=one.centre)

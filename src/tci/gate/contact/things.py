@@ -29,12 +29,15 @@ class Things:
     """Knows the robot's links, and fixtures beside it."""
 
     def __init__(self, robot: Robot, fixtures: tuple[Fixture, ...]) -> None:
+        """Raises DescriptionError for fixtures beside a robot without model, TciError for two of one name."""
         self._clearance: Clearance | None
         try:
             self._clearance = Clearance(robot, fixtures)
             chain = KinematicChain(robot)
             self._movers = {link: frozenset(chain.chain(link)) for link in chain.links}
         except DescriptionError:  # without a model every contact may be somebody
+            if fixtures:
+                raise
             self._clearance, self._movers = None, {}
 
     def met(

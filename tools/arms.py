@@ -12,17 +12,14 @@ docs/tables/arms.md of all of them.
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from report import ROOT, TABLES, commit, markdown, out
-from strangers import Untouched, advised, fetch_pypi, five_lines, same_as_file, tci
+from report import ROOT, TABLES, commit, markdown
+from strangers import Untouched, advised, five_lines, same_as_file, tci, try_all
 
 from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
@@ -167,29 +164,7 @@ def table(lines: list[dict[str, Any]], results: dict[str, dict[str, Any]]) -> No
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("folder", type=Path, metavar="DIR")
-    parser.add_argument("names", nargs="*", metavar="NAME")
-    parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--table", action="store_true")
-    asked = parser.parse_args()
-    every = tomllib.loads(LIST.read_text())["model"]
-    lines = [line for line in every if not asked.names or line["name"] in asked.names]
-    folder, target = asked.folder.resolve(), out() / "arms"
-    target.mkdir(exist_ok=True)
-    if asked.table:
-        table(every, {file.stem: json.loads(file.read_text()) for file in target.glob("*.json")})
-        return
-    fetch_pypi(lines, folder)
-    whole = 0
-    for line in lines:
-        result = try_one(line, folder, quick=asked.quick)
-        (target / f"{line['name']}.json").write_text(json.dumps(result, indent=1))
-        whole += result["whole"]
-        print(f"{line['name']}: {said(result)}", flush=True)
-    print(f"{whole} of {len(lines)} run to the end and agree")
+    try_all(__doc__, LIST, try_one, said, table)
 
 
 if __name__ == "__main__":

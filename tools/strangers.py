@@ -22,7 +22,7 @@ import sys
 import time
 import tomllib
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -312,32 +312,48 @@ def fetch_pypi(lines: Sequence[dict[str, Any]], folder: Path) -> None:
                 zipfile.ZipFile(wheel).extractall(place)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def try_all(
+    words: str | None,
+    models: Path,
+    try_one: Callable[..., dict[str, Any]],
+    said: Callable[[dict[str, Any]], str],
+    table: Callable[[list[dict[str, Any]], dict[str, dict[str, Any]]], None],
+) -> None:
+    """The program of a list of models.
+
+    Args:
+        words: What `--help` says.
+        models: The list; results are kept in a folder of OUT of its name.
+        try_one: Tries a line of the list in a folder of models, `quick` or not; its result says if it is
+            `whole`.
+        said: A line about a result.
+        table: Writes the table of all lines and their results.
+    """
+    parser = argparse.ArgumentParser(description=words, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, metavar="DIR")
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--table", action="store_true")
     asked = parser.parse_args()
-    every = tomllib.loads(LIST.read_text())["model"]
+    every = tomllib.loads(models.read_text())["model"]
     lines = [line for line in every if not asked.names or line["name"] in asked.names]
-    folder, target = asked.folder.resolve(), out() / "strangers"
+    folder, target = asked.folder.resolve(), out() / models.stem
     target.mkdir(exist_ok=True)
     if asked.table:
-        stored = {file.stem: json.loads(file.read_text()) for file in target.glob("*.json")}
-        table(every, stored)
+        table(every, {file.stem: json.loads(file.read_text()) for file in target.glob("*.json")})
         return
     fetch_pypi(lines, folder)
-    results = []
+    whole = 0
     for line in lines:
         result = try_one(line, folder, quick=asked.quick)
         (target / f"{line['name']}.json").write_text(json.dumps(result, indent=1))
-        results.append(result)
-        said = "whole" if result.get("whole") else _what(result)
-        print(f"{line['name']}: {said}", flush=True)
-    print(f"{sum(bool(one.get('whole')) for one in results)} of {len(results)} run to the end and agree")
+        whole += bool(result.get("whole"))
+        print(f"{line['name']}: {said(result)}", flush=True)
+    print(f"{whole} of {len(lines)} run to the end and agree")
+
+
+def main() -> None:
+    try_all(__doc__, LIST, try_one, lambda result: "whole" if result.get("whole") else _what(result), table)
 
 
 def _what(result: dict[str, Any]) -> str:

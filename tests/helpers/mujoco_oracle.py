@@ -9,6 +9,7 @@ import numpy as np
 
 from tci.messages.frames import Array
 from tci.robot.description import Robot
+from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import bare_model
 
 
@@ -57,3 +58,11 @@ class Oracle:
         result = np.zeros((6, len(self.robot.servos)))
         np.add.at(result.T, self.servos, relative.T)
         return result
+
+
+def posed(robot: Robot, part: str, posture: Array) -> mujoco.MjData:
+    """MuJoCo's data with a part at generic angles `posture` (n,) [rad], and all others at the start."""
+    oracle, joints, position = Oracle(robot), joint_map(robot, part), np.array(initial_position(robot))
+    position[joints.servos] = joints.to_robot(posture, position)
+    oracle.move(position)
+    return oracle.data

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 from lxml import etree
 
+from helpers.mujoco_oracle import posed
 from helpers.robot_groups import ARMS
 from tci.body.retarget import retarget
 from tci.gestures.gesture import record
@@ -16,7 +16,6 @@ from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position, joint_map
-from tci.robot.model_file import load_spec
 from tci.robot.xml import schema_path
 from tci.robot.xml.extends import read_element
 
@@ -38,16 +37,9 @@ def robot(request: pytest.FixtureRequest) -> Robot:
 
 def places(robot: Robot, **moved: float) -> tuple[Array, Array]:
     """Places (3,) [m] of elbow and wrist at the initial posture, with `moved` [degrees] added to it."""
-    part, model = robot.part("left_arm"), load_spec(robot.model).compile()
-    posture = np.array(part.initial_posture)
-    for one in part.servos:
-        posture[one.id] += np.deg2rad(moved.get(one.name, 0.0))
-    joints, data, position = joint_map(robot, part.name), mujoco.MjData(model), initial_position(robot)
-    position = np.array(position)
-    position[joints.servos] = joints.to_robot(posture, position)
-    for servo in robot.servos:
-        data.qpos[model.joint(servo.joint).qposadr[0]] = position[servo.index]
-    mujoco.mj_kinematics(model, data)
+    part = robot.part("left_arm")
+    more = np.deg2rad([moved.get(one.name, 0.0) for one in part.servos])
+    data = posed(robot, part.name, part.initial_posture + more)
     base = data.body(robot.model.torso_link).xpos
     _, elbow, wrist = (data.body(name).xpos - base for name in PLACES[robot.name])
     return np.array(elbow), np.array(wrist)

@@ -10,8 +10,8 @@ import pytest
 
 from helpers import HELPERS
 from helpers.peers import DEBIAN_PYTHON
+from helpers.read_topics import judge_values
 from helpers.ros_robots import Programs, anywhere, roscore
-from tci.drivers.diagnosis import Level
 from tci.drivers.registry import source_at
 from tci.drivers.source_reader import SourceReader
 from tci.errors import DriverError
@@ -52,24 +52,8 @@ def reader_of(via: str, **pads: int) -> SourceReader:
 def test_values_are_those_that_were_published(topic: str, published: str) -> None:
     reader = reader_of(f"{published}/{topic}{TOPICS[topic]}", pad=16)
     try:
-        state, seen = reader.pads["pad"], list[np.ndarray]()
-        end = time.monotonic() + 10.0
-        while len(seen) < 5 and time.monotonic() < end:
-            if state.values is not None and (not seen or state.values is not seen[-1]):
-                seen.append(state.values)
-            time.sleep(0.002)
-        assert len(seen) == 5, reader.rejected
-        for values in seen:
-            wanted = (np.arange(16) * 7 + values[0]) % 200.0
-            if topic == "floats":
-                wanted[[3, 5]] = np.nan  # -1 and NaN are no value
-            np.testing.assert_array_equal(values, wanted)
-        assert len({float(values[0]) for values in seen}) > 1, "new values arrive"
-        assert abs(state.stamp - time.monotonic()) < 1.0, "on this machine's clock, with and without a header"
-        assert not reader.rejected
-        (told,) = (one for one in reader.diagnose() if one.subject == f"{published}/{topic}")
-        assert told.level is Level.OK
-        assert "ROS master http://127.0.0.1" in told.what
+        lost = (3, 5) if topic == "floats" else ()
+        judge_values(reader, f"{published}/{topic}", lost=lost, says="ROS master http://127.0.0.1")
     finally:
         reader.close()
 

@@ -37,7 +37,7 @@ def test_a_missing_extra_is_told() -> None:
 def test_pokes_equal_those_of_mujoco_batch() -> None:
     import warp as wp
 
-    from tci.batch import kernels
+    from tci.batch import feel
     from tci.batch.gpu import WarpWorlds
 
     scene, chance = tci.batch.batch_scene("nao", step=STEP), np.random.default_rng(5)
@@ -71,7 +71,7 @@ def test_pokes_equal_those_of_mujoco_batch() -> None:
             wp.array(batch.xpos, dtype=wp.vec3), wp.array(turns, dtype=wp.mat33), gpu._positions,
             gpu._normals, force, gpu._full,
         ]  # fmt: skip
-        wp.launch_tiled(kernels.feel, dim=(COUNT, patches, SLOTS), block_dim=kernels.LANES, inputs=state)
+        wp.launch_tiled(feel.feel, dim=(COUNT, patches, SLOTS), block_dim=feel.LANES, inputs=state)
         same += [*np.abs(force.numpy() - expected)[loaded].max(axis=1) / largest]
         force.assign(kept)
     assert len(whole) > 200

@@ -27,7 +27,7 @@ with needs("worlds on a GPU", "batch"):
     import mujoco_warp as mjw
     import warp as wp
 
-    from tci.batch import kernels
+    from tci.batch import feel, kernels
 
 CONTACTS, ROWS = 24, 64
 """Room for contacts, and for rows of constraints beside those of joints, of each world. More are left out by
@@ -64,7 +64,7 @@ class WarpWorlds(Worlds):
                 scene.model, world.data, nworld=count, nconmax=CONTACTS, njmax=scene.model.nv + ROWS
             )
             """Data of mujoco-warp, for direct access between two steps."""
-            self._servos = kernels.structs(
+            self._servos = feel.structs(
                 kernels.Servo,
                 [
                     {
@@ -76,8 +76,8 @@ class WarpWorlds(Worlds):
                 ],
                 self.device,
             )  # fmt: skip
-            self._patches = kernels.structs(
-                kernels.Patch,
+            self._patches = feel.structs(
+                feel.Patch,
                 [
                     {"width": float(one["width"])}
                     | {name: int(one[name]) for name in ("sensor", "body", "begin", "end")}
@@ -201,9 +201,9 @@ class WarpWorlds(Worlds):
         wp.launch(kernels.count, dim=1, inputs=[self._number])
         if any(which):
             due = self._due[which]
-            wp.launch(kernels.clear, dim=self._forces.shape, inputs=[due, self._owner, self._forces])
+            wp.launch(feel.clear, dim=self._forces.shape, inputs=[due, self._owner, self._forces])
             wp.launch_tiled(
-                kernels.feel, dim=(count, len(self._rates), SLOTS), block_dim=kernels.LANES,
+                feel.feel, dim=(count, len(self._rates), SLOTS), block_dim=feel.LANES,
                 inputs=[
                     due, self._patches, data.sensordata, data.xpos, data.xmat, self._positions, self._normals,
                     self._forces, self._full,

@@ -137,6 +137,7 @@ ROBOTS: dict[str, Callable[[Any, Path], Any]] = {
     "to_urdf": lambda robot, _: BY_NAME["to_urdf"](robot),
     "skin_to_urdf": lambda robot, _: BY_NAME["skin_to_urdf"](robot),
     "skin_to_mjcf": lambda robot, _: BY_NAME["skin_to_mjcf"](robot),
+    "skin_to_json": lambda robot, _: BY_NAME["skin_to_json"](robot),
     "initial_position": lambda robot, _: BY_NAME["initial_position"](robot),
     "KinematicChain": lambda robot, _: BY_NAME["KinematicChain"](robot).links,
     "Gravity": lambda robot, _: BY_NAME["Gravity"](robot).masses,

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from tci.batch.make import make_worlds as make_worlds
     from tci.batch.scene import BatchScene as BatchScene
     from tci.batch.scene import batch_scene as batch_scene
+    from tci.batch.skin_file import skin_to_json as skin_to_json
     from tci.batch.worlds import Worlds as Worlds
 else:
     __all__, __getattr__, __dir__ = lazy_names(__name__)

@@ -95,7 +95,7 @@ def add_skin(
     contacts with the floor.
     """
     name = skin_geom(surface.patch)
-    points, faces = _solid(surface)
+    points, faces = solid_of(surface)
     plain = neutral(spec)
     spec.add_mesh(
         plain,
@@ -144,7 +144,7 @@ def floor_sensor(patch: str) -> str:
     return f"tci_floor_{patch}"
 
 
-def _solid(surface: Surface) -> tuple[Array, NDArray[np.intp]]:
+def solid_of(surface: Surface) -> tuple[Array, NDArray[np.intp]]:
     """Returns vertices (v, 3) [m] and triangles (f, 3) of a solid body that represents a patch of skin in
     collisions.
 

@@ -112,6 +112,13 @@ lerobot:  ## genuine LeRobot 0.4.4 records robots of TCI, trains ACT on sets and
 	@.lerobot/bin/python tools/with_lerobot.py --robots nao --via zenoh --out "$(OUT)/lerobot-zenoh"
 	@.lerobot/bin/python tools/act.py --out "$(OUT)/act"
 
+mjlab: dev-env  ## the skin as force sensor in genuine mjlab 1.6.0: its G1 in 4 worlds, in .mjlab (PyTorch, MuJoCo 3.11); compared with TCI's skin
+	@$(PYTHON) -m venv .mjlab
+	@.mjlab/bin/python -m pip install --quiet $(if $(LEARN_INDEX),--extra-index-url $(LEARN_INDEX)) torch==2.13.0 mjlab==1.6.0
+	@.mjlab/bin/python -m pip install --quiet --no-deps --force-reinstall ./packages/mjlab_tci
+	@MJLAB_WARP_QUIET=1 .mjlab/bin/python tools/with_mjlab.py press "$(OUT)/mjlab.npz"
+	@$(VENV)/python tools/with_mjlab.py judge "$(OUT)/mjlab.npz"
+
 release-check: dev-env  ## build, install the sdist in empty environments, run the README (PYTHONS="python3.11 python3.12")
 	@$(VENV)/python tools/release_check.py $(PYTHONS)
 
@@ -136,4 +143,4 @@ lowest:  ## tests with the lowest versions that pyproject.toml allows, in .lowes
 	@NUMBA_CACHE_DIR="$(CURDIR)/.lowest/loops" .lowest/bin/python -m pytest -n 2 --dist loadgroup $(TESTS)
 
 clean:  ## remove what was built
-	rm -rf .venv .lowest .learn .lerobot .peers out docs/_build docs/_generated dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv .lowest .learn .lerobot .mjlab .peers out docs/_build docs/_generated dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

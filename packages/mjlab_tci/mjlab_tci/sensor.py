@@ -16,8 +16,7 @@ from mjlab_tci import feel
 from mjlab_tci.skin import G1, read_skin
 
 TOUCHES = 2
-"""Collision bit of what touches the skin. mjlab's robots and floors have bit 1: with it, the links beside a
-patch would press on it."""
+"""Collision bit of what touches the skin. mjlab's robots, things and floors have another, 1."""
 SLOTS = int(feel.SLOTS)
 """Contacts on one patch at a time."""
 _FIELDS = sum(

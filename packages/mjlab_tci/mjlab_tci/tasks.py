@@ -63,7 +63,10 @@ def yield_cfg() -> ManagerBasedRlEnvCfg:
             "hurried": RewardTermCfg(func=mdp.action_rate_l2, weight=-0.01),
         },
         terminations={"time_out": TerminationTermCfg(func=mdp.time_out, time_out=True)},
-        sim=SimulationCfg(nconmax=64, njmax=256, mujoco=MujocoCfg(timestep=0.002)),
+        # Without weight, as in TCI: real servos hold it; mjlab's would sink first, away from the fingers.
+        sim=SimulationCfg(
+            nconmax=64, njmax=256, mujoco=MujocoCfg(timestep=0.002, gravity=(0.0, 0.0, 0.0))
+        ),
         decimation=10,
         episode_length_s=2.0,
     )  # fmt: skip

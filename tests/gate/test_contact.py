@@ -185,25 +185,6 @@ def test_a_reference_that_runs_on_beyond_a_held_joint_goes_back_to_it_at_full_sp
     assert min(ahead) < -np.deg2rad(2.0)
 
 
-@pytest.mark.parametrize(("calls", "speed"), [(4, 0.0), (1, np.nan)])
-def test_it_goes_back_so_whatever_calls_a_period_has_and_if_no_speed_is_measured(
-    calls: int, speed: float
-) -> None:
-    """Four calls with new data were four steps: 10.5 rad/s."""
-    gate = Gate(make_robot(), period=PERIOD, stale_after=0.05, settings=ANSWERS, streams=True)
-    angles, sent = np.zeros(6), [0.0]
-    for k in range(500 * calls):
-        now = k * PERIOD / calls
-        seen = replace(reading(angles, now), sequence=k, velocity=np.full(6, speed))
-        safe = gate.step([position_command([2], [1.5])] * (k == 0), seen, now)
-        angles = angles.copy()
-        angles[safe.servos] = safe.position
-        sent.append(float(angles[2]))
-        angles[2] = min(angles[2], 0.5)
-    assert max(np.abs(np.diff(sent[::calls]))) <= 3.0 * PERIOD + 1e-9
-    assert sum(one > 0.5 + np.deg2rad(1.0) for one in sent) * PERIOD / calls < 0.1
-
-
 def test_nobody_else_moves_the_part_until_the_contact_is_over() -> None:
     held = Held()
     held.step(position_command([2], [1.5]))

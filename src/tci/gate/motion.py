@@ -65,7 +65,6 @@ class Motion:
         self._slope = Slope(len(robot.servos))
         self._switches = ModeSwitches(robot, self.groups, self._torque, self._slope, streams=streams)
         self._powered: NDArray[np.bool_] | None = None
-        self._held = np.zeros(0, np.intp)
         self._back: set[int] = set()  # groups in torque mode that go back from another link
         self._fixed = {servo.index for servo in robot.servos if not is_movable(servo)}
         self._immovable = Immovable(robot)
@@ -134,7 +133,6 @@ class Motion:
     def halt(self, kept: AbstractSet[int] = frozenset()) -> None:
         """Stops all servos but those that move with `kept` within their limits, and removes all targets,
         velocities and commanded torques, and all switches that wait for rest."""
-        self._held = self._held[:0]
         self._switches.let_all_go()
         for chain in self.groups.chains:
             if kept.isdisjoint(chain.servos):
@@ -160,20 +158,13 @@ class Motion:
             limiter.aim(limiter.bounds.inside(target), speed, together=False)
 
     def restart(self, servos: NDArray[np.intp]) -> None:
-        """In the next step, servos that something holds go on from where they are measured, at their measured
-        speed: what their references are ahead only presses."""
-        self._held = servos
-
-    def _restart(self) -> None:
-        if not self._held.size:
-            return
-        known = np.isfinite(self._velocity)
-        velocity = np.where(known, self._velocity, np.nan_to_num(self._slope.speed))
+        """Lets servos that something holds go on from where they are measured, at their measured speed: what
+        their references are ahead only presses."""
         for chain in self.groups.chains:
-            mine = [servo for servo in self._held.tolist() if servo in chain.place]
+            mine = [servo for servo in servos.tolist() if servo in chain.place]
             if mine:
-                chain.limiter.restart(chain.places(mine), self.groups.measured[mine], velocity[mine])
-        self._held = self._held[:0]
+                chain.limiter.restart(chain.places(mine), self.groups.measured[mine], self._velocity[mine])
+                self.groups.note_motion()
 
     @property
     def unanswered(self) -> Array:
@@ -183,7 +174,6 @@ class Motion:
     def drop(self) -> None:
         """Ends the command of all servos. Control modes do not change: servos in torque mode stay in torque
         mode, with a commanded torque of 0."""
-        self._held = self._held[:0]
         self._switches.forget()
         self.groups.drop()
         self._torque.relax()
@@ -224,7 +214,6 @@ class Motion:
         """Moves the servos by one period. Returns the reasons for motions that were ended to avoid
         self-collisions."""
         self._switches.begin_period()
-        self._restart()
         near: list[Reason] = []
         longest, body = self._settings.command_timeout, self.groups.body
         blind = self._freshness.overdue(self._freshness.age(now))

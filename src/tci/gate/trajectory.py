@@ -127,23 +127,15 @@ class OnlineTrajectory:
         here, speed, acceleration = state[:, places]
         way, period = position - here, self._planner.period
         side = np.sign(way) * (way * (self.target[places] - here) > 0.0)
-        if self.rests or not side.any():
-            return
         back = side * np.maximum(side * speed, side * np.clip(velocity, -fastest, fastest))
         next_speed = np.minimum(np.abs(back) + self.bounds.acceleration[places] * period, fastest)
         most = (fastest - next_speed) * period  # with the step that follows, no faster than the limit
         state[0, places] = here + np.abs(side) * np.clip(way, -most, most)
         state[1, places] = np.where(side, back, speed)
-        # what builds up speed can be given up before the speed limit
-        most_pull = np.sqrt(2.0 * self.bounds.jerk[places] * np.maximum(fastest - np.abs(back), 0.0))
-        state[2, places] = np.where(side, side * np.clip(side * acceleration, 0.0, most_pull), acceleration)
-        straight = self._straight
-        self._set_straight(False)  # a servo that left the line could not brake within its share of the limits
+        state[2, places] = np.where(side, side * np.maximum(side * acceleration, 0.0), acceleration)
         if self._stopper.plan(state, self.position) and not self._guard(self._stopper.planned):
             self._stopper.keep()
             self._set_state(state)
-        elif straight:
-            self._set_straight(True)
 
     def take_over(self, here: Sequence[int], other: OnlineTrajectory, there: Sequence[int]) -> None:
         """Continues the motion of some servos of the trajectory `other`. The indices of these servos are

@@ -418,8 +418,6 @@ class Gate:
             self._motion.halt(frozenset() if blind else self._blocked)
         for way in ways:
             self._motion.retreat(*way)
-        if self._contact is not None and not blind:
-            self._motion.restart(self._contact.held)
         return reason
 
     def _answer(self, joints: JointReading, now: float, contacts: Contacts | None) -> Sequence[Way]:

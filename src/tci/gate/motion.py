@@ -157,15 +157,6 @@ class Motion:
             speed[places] = fastest if most is None else np.minimum(fastest, most)
             limiter.aim(limiter.bounds.inside(target), speed, together=False)
 
-    def restart(self, servos: NDArray[np.intp]) -> None:
-        """Lets servos that something holds go on from where they are measured, at their measured speed: what
-        their references are ahead only presses."""
-        for chain in self.groups.chains:
-            mine = [servo for servo in servos.tolist() if servo in chain.place]
-            if mine:
-                chain.limiter.restart(chain.places(mine), self.groups.measured[mine], self._velocity[mine])
-                self.groups.note_motion()
-
     @property
     def unanswered(self) -> Array:
         """Torques (k,) [N m] that no reading answered, in the order of `reference`."""

@@ -21,13 +21,12 @@ class MotionPlanner:
     """Plans the motion of n servos, each towards a target or at a velocity. Computes a new plan only after
     its inputs have changed. Servos with targets arrive at the same time, unless `set_driven` says else."""
 
-    __slots__ = ("_input", "_otg", "_output", "ended", "period")
+    __slots__ = ("_input", "_otg", "_output", "ended")
 
     def __init__(self, count: int, period: float) -> None:
         """Plans for `count` servos. One step takes `period` [s]. Before the first step, call `set_state`,
         `set_limits`, `set_driven` and, if a servo moves to a target, `set_targets`."""
         self._otg = Ruckig(count, period)
-        self.period = period
         self._input, self._output = InputParameter(count), OutputParameter(count)
         self.ended = False
         """True if the motion ends with the step that was computed last."""

@@ -118,25 +118,6 @@ class OnlineTrajectory:
         self._set_state(state)
         self.target[:] = self.bounds.inside(self._stopper.end)
 
-    def restart(self, places: Sequence[int], position: Array, velocity: Array) -> None:
-        """Lets servos that can't follow go on from where they are, if their targets lie on that side: at
-        `position` (k,) [rad], or as near to it as their speed allows in one period, with `velocity` (k,)
-        [rad/s], unless they go there faster already. Nothing changes if they could not stop within their
-        bounds from there, or if the stop is refused."""
-        state, fastest = np.array(self.whole_state), self.speed[places]
-        here, speed, acceleration = state[:, places]
-        way, period = position - here, self._planner.period
-        side = np.sign(way) * (way * (self.target[places] - here) > 0.0)
-        back = side * np.maximum(side * speed, side * np.clip(velocity, -fastest, fastest))
-        next_speed = np.minimum(np.abs(back) + self.bounds.acceleration[places] * period, fastest)
-        most = (fastest - next_speed) * period  # with the step that follows, no faster than the limit
-        state[0, places] = here + np.abs(side) * np.clip(way, -most, most)
-        state[1, places] = np.where(side, back, speed)
-        state[2, places] = np.where(side, side * np.maximum(side * acceleration, 0.0), acceleration)
-        if self._stopper.plan(state, self.position) and not self._guard(self._stopper.planned):
-            self._stopper.keep()
-            self._set_state(state)
-
     def take_over(self, here: Sequence[int], other: OnlineTrajectory, there: Sequence[int]) -> None:
         """Continues the motion of some servos of the trajectory `other`. The indices of these servos are
         `there` in `other`, and `here` in this trajectory.

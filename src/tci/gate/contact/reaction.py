@@ -103,8 +103,6 @@ class ContactReaction:
         self._freeing = False
         self.blocked: frozenset[int] = frozenset()
         """Servos that obey nobody else now."""
-        self.held: NDArray[np.intp] = np.zeros(0, np.intp)
-        """Servos of parts that answer a contact which something holds now: their references only press."""
         self.reason: Reason | None = None
         """Why the gate must stop: a part met something too often."""
         self.met: tuple[Met, ...] = ()
@@ -134,7 +132,7 @@ class ContactReaction:
     def forget(self) -> None:
         """Forgets paths and reactions, since the servos are under command no more."""
         self.blocked, self.reason, self.met = frozenset(), None, ()
-        self.held, self._soles = self.held[:0], []
+        self._soles = []
         for group in self._groups.values():
             group.goal, group.slow, group.expected = None, False, 0.0
             group.softness.soft = False
@@ -172,7 +170,6 @@ class ContactReaction:
         self._following.remember(reference, now)
         self._bearing.remember(reference, now)
         self._note_motion(reference)
-        self.held = self.held[:0]
         if joints.stamp <= self._stamp:
             return [], []
         self._stamp = joints.stamp
@@ -192,7 +189,6 @@ class ContactReaction:
         ways: list[Way] = []
         told: list[Reason] = []
         met: list[Met] = []
-        held: list[int] = []
         for number, group in self._groups.items():
             own = np.isfinite(error[group.servos])
             if group.goal is None and not self._moves_now(group):
@@ -222,8 +218,6 @@ class ContactReaction:
                 if freeing:
                     group.slow, group.thing = True, None
                 goal = self._judge(group, seen)
-            if group.goal is not None and (group.answer != "stop" or group.slow):
-                held += seen.servos[seen.own & (seen.errors > CLEAR * self._settings.held)].tolist()
             if goal is not None:
                 speed = FREES if group.slow else None
                 ways.append(Way(group.servos[own], goal[own], speed))
@@ -232,7 +226,7 @@ class ContactReaction:
             self._following.doubt()
         else:
             self._following.learn(joints, reference)
-        self.met, self.held = tuple(met), np.array(held, np.intp)
+        self.met = tuple(met)
         self.blocked = frozenset(
             int(s) for one in self._groups.values() if one.goal is not None for s in one.servos
         )

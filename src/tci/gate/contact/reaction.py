@@ -369,11 +369,14 @@ class ContactReaction:
         most = float(np.abs(seen.bears).max()) * (1.0 if rests else SWINGS)
         behind = most > 1.0 and group.first.may_turn and float(np.dot(seen.bears, group.push)) < -SIGN
         pressed = behind or (most > STILL and bool(group.path))
-        if held or bent or pressed or seen.felt.force > LIGHT:
+        still = held or seen.felt.force > LIGHT
+        thing = bool(group.thing) and (still or bent or pressed) and self._thing(group, seen) is not None
+        # at a thing there is no way back: what it bears there is no reason to go on
+        if still or ((bent or pressed) and not thing):
             group.free = None
             if group.answer == "stop" and not group.slow:
                 return None
-            if group.thing and self._thing(group, seen):
+            if thing:
                 return None if np.abs(here - group.goal).max() < STEP else group.goes(here)
             if group.answer == "retreat" or group.slow:
                 if bent and not held and group.first.bends_more(seen, settings.held):

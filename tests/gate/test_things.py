@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 import pytest
@@ -36,6 +38,7 @@ class Lowered:
         self.angles[PITCH] = np.deg2rad(start)
         self.told: list[str] = []
         self.refused: list[Code] = []
+        self.answers: set[str] = set()
 
     def run(self, lasts: float, goal: float | None = None, contacts: Contacts | None = None) -> float:
         """Returns the arm's reference [rad] in the end."""
@@ -45,6 +48,7 @@ class Lowered:
             orders = []
             self.angles[safe.servos] = safe.position
             self.angles[PITCH] = min(self.angles[PITCH], self.at)
+            self.answers = {one.answer for one in safe.met}
             self.told += [one.text for one in safe.clamped if one.code is Code.CONTACT]
             self.refused += [one.code for one in safe.refusals]
             self.now += PERIOD
@@ -93,9 +97,9 @@ def touch(patch: str, p_T: Array, n_T: Array) -> Contacts:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("towards", [True, False])
-def test_what_an_arm_feels_where_it_touches_its_own_leg_is_nobody(towards: bool) -> None:
-    """A contact on the other side of the same link is somebody all the same."""
+def beside_its_leg() -> tuple[Lowered, Callable[[float], Contacts]]:
+    """An arm near its own leg, and what its skin feels there: the leg (1), or somebody on the other side of
+    the same link (-1)."""
     arm, clearance = Lowered(at=180.0), Clearance(NAO)
     roll = next(servo.index for servo in NAO.servos if servo.name == "LShoulderRoll")
     arm.angles[PITCH] = np.deg2rad(85.0)
@@ -106,15 +110,31 @@ def test_what_an_arm_feels_where_it_touches_its_own_leg_is_nobody(towards: bool)
             break
     pair = touching[0]
     sign = 1.0 if PITCH in KinematicChain(NAO).chain(pair.first) else -1.0
-    way = sign * (pair.way_T if towards else -pair.way_T)
     arm.run(0.05, goal=85.5)
-    arm.run(0.5, goal=86.5, contacts=touch("left_forearm", pair.p_T, way))
-    assert ("met its own" in arm.told[0]) is towards
-    assert arm.told[0].endswith("it stops" if towards else "it goes back")
+    return arm, lambda side: touch("left_forearm", pair.p_T, side * sign * pair.way_T)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_what_an_arm_feels_where_it_touches_its_own_leg_is_nobody(side: float) -> None:
+    """A contact on the other side of the same link is somebody all the same."""
+    arm, contact = beside_its_leg()
+    arm.run(0.5, goal=86.5, contacts=contact(side))
+    assert ("met its own" in arm.told[0]) is (side > 0.0)
+    assert arm.told[0].endswith("it stops" if side > 0.0 else "it goes back")
     stopped = arm.angles[PITCH]
     arm.gate.free()
-    arm.run(1.0, contacts=touch("left_forearm", pair.p_T, way))
-    assert not towards or arm.angles[PITCH] < stopped - np.deg2rad(1.0), "an operator's word counts more"
+    arm.run(1.0, contacts=contact(side))
+    assert side < 0.0 or arm.angles[PITCH] < stopped - np.deg2rad(1.0), "an operator's word counts more"
+
+
+def test_who_comes_while_an_arm_touches_its_own_leg_is_somebody() -> None:
+    arm, contact = beside_its_leg()
+    arm.run(0.5, goal=86.5, contacts=contact(1.0))
+    assert arm.answers == {"stop"}
+    stopped = arm.angles[PITCH]
+    arm.run(0.5, contacts=contact(-1.0))
+    assert arm.answers == {"retreat"}
+    assert arm.angles[PITCH] < stopped - np.deg2rad(1.0)
 
 
 def test_a_fixture_that_can_not_be_is_refused_and_none_is_left_out_in_silence() -> None:

@@ -378,6 +378,7 @@ class ContactReaction:
                 return None
             if thing:
                 return None if np.abs(here - group.goal).max() < STEP else group.goes(here)
+            group.thing = None
             if group.answer == "retreat" or group.slow:
                 if bent and not held and group.first.bends_more(seen, settings.held):
                     return self._leave(group, seen)

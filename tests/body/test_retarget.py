@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tci.body.posture import to_platform
-from tci.body.retarget import Retargeted, angle_between, retarget, with_retargeting
+from tci.body.retarget import Retargeted, angle_between, in_torso, retarget, with_retargeting
 from tci.errors import CommandError
 from tci.messages import GenericCommand, Mode
 from tci.messages.frames import Array
@@ -195,3 +195,17 @@ def test_what_is_no_arm_or_no_posture_is_refused() -> None:
         with pytest.raises(CommandError, match="valid: an arm, and 5 finite angles"):
             retarget(robot, part, generic, initial_position(robot))
     assert isinstance(retarget(robot, "left_arm", np.full(5, 0.5), initial_position(robot)), Retargeted)
+
+
+def test_joints_that_turn_more_than_once_do_not_wind_up() -> None:
+    """With the 360 degrees to both sides of a real UR5, its pan went 338 degrees from -11 to 11."""
+    robot = load_robot("ur5")
+    wide = {"lower": -2.0 * np.pi, "upper": 2.0 * np.pi}
+    servos = [one.model_copy(update={"limits": one.limits.model_copy(update=wide)}) for one in robot.servos]
+    robot = robot.model_copy(update={"servos": tuple(servos)})
+    part, joints = robot.part("left_arm"), joint_map(robot, "left_arm")
+    for pan in np.linspace(-1.0, 1.0, 6):
+        position = initial_position(robot).copy()
+        position[0] += pan
+        found = retarget(robot, "left_arm", in_torso(part, joints.to_generic(position)), position)
+        np.testing.assert_allclose(found.position, position, atol=1e-6)

@@ -104,11 +104,12 @@ def _nearest(
     robot: Robot, part: GenericPart, joints: JointMap, generic: Array, position: Array
 ) -> tuple[Array, float]:
     """Angles (n_servos,) [rad] at which the upper arm of a shoulder with one or two joints has the direction
-    of `generic`, and the angle [rad] by which its rotation misses the wanted one."""
+    of `generic`, and the angle [rad] by which its rotation misses the wanted one. Of several as good, those
+    nearest to `position`: a joint that can turn more than once does not wind up."""
     assert part.side is not None
     wanted = upper_arm_rotation(generic, part.side, axial=True)
     pitch, roll, yaw = shoulder_angles(part.R_TM.T @ wanted, part.side)
-    found, least, (lower, upper) = np.array(position), np.inf, _limits(robot, joints.servos)
+    found, (lower, upper) = list[tuple[float, float, Array]](), _limits(robot, joints.servos)
     turns = (-2.0 * np.pi, 0.0, 2.0 * np.pi)
     # the same direction with the arm turned half about: of these, the elbow may bend the right way with one
     for way in ((pitch, roll, yaw), (pitch + np.pi, np.pi - roll, yaw + np.pi)):
@@ -117,9 +118,10 @@ def _nearest(
             there = np.array(position)
             there[joints.servos] = np.clip(joints.to_robot(posture, position), lower, upper)
             own = part.R_TM @ upper_arm_rotation(joints.to_generic(there), part.side, axial=True)
-            if (error := angle_between(own, wanted)) < least - EXACT:
-                found, least = there, error
-    return found, least
+            found.append((angle_between(own, wanted), float(np.abs(there - position).sum()), there))
+    least = min(error for error, _, _ in found)
+    error, _, best = min((one for one in found if one[0] <= least + EXACT), key=lambda one: one[1])
+    return best, error
 
 
 def _within(robot: Robot, shoulder: Shoulder, wanted: Array, position: Array) -> tuple[Array, float]:

@@ -184,7 +184,7 @@ def test_how_values_lie_is_asked_where_nobody_says_and_kept(tmp_path: Path) -> N
     source = source_at(board.via)
     reader = SourceReader(board.via, source, source.pads)
     reader.wait(3.0)
-    answers = {"12 values": ["three", "4x4", "3 x 4 2.5"], "31 values": [], "10 values": []}
+    answers = {"12 values": ["three", "4x4", "3x4 0", "3 x 4 2.5"], "31 values": [], "10 values": []}
 
     def ask(words: str) -> str:
         asked.append(words)
@@ -199,6 +199,7 @@ def test_how_values_lie_is_asked_where_nobody_says_and_kept(tmp_path: Path) -> N
             "",
             "'three' is not of this form; ",
             "4 x 4 are 16; ",
+            "at a distance of 0 mm all values lie on one place; ",
         ]
         shapes = shapes_told(reader.channels, file)
         path = write_hand(reader, tmp_path / "board", shapes=shapes)

@@ -64,6 +64,8 @@ def _ask(count: int, pads: list[str], ask: Ask) -> Told | None:
             wrong = f"{answer!r} is not of this form; "
         elif int(form[1]) * int(form[2]) != count:
             wrong = f"{form[1]} x {form[2]} are {int(form[1]) * int(form[2])}; "
+        elif form[3] is not None and not float(form[3]):
+            wrong = "at a distance of 0 mm all values lie on one place; "
         else:
             return int(form[1]), int(form[2]), None if form[3] is None else float(form[3])
     return None

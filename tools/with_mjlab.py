@@ -24,11 +24,14 @@ MOST = 2e-5
 def press(out: Path) -> bool:
     """Presses one taxel in each world, and keeps what MuJoCo and the sensor say at the end of each step."""
     import torch
+    import warp
     from mjlab.envs import ManagerBasedRlEnv
     from mjlab.tasks.registry import load_env_cfg
     from mjlab_tci.finger import RADIUS
     from mjlab_tci.finger import press as press_taxels
 
+    warp.config.log_level = warp.LOG_WARNING
+    print("the first time, kernels are compiled: half a minute", flush=True)
     cfg = load_env_cfg("TCI-Yield-Unitree-G1")
     cfg.scene.num_envs, cfg.events = WORLDS, {"start": cfg.events["start"]}
     cfg.episode_length_s = 10.0  # no reset meanwhile

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from helpers.gate_checks import position_command, reading
 from tci.body.support import inside
@@ -103,3 +104,22 @@ def test_the_waist_of_a_standing_robot_stays_stiff() -> None:
         told, rests = met(angles, force, waist, goal=np.deg2rad(30.0), at=at, robot=robot, fits=fits)
         assert told.endswith(does)
         assert bool(rests > at) is bool(force)
+
+
+@pytest.mark.parametrize(("force", "soft"), [(50.0, False), (0.0, True)])
+def test_the_waist_of_a_standing_robot_does_not_give_way_at_rest(force: float, soft: bool) -> None:
+    """By 4 degrees for the 3 that somebody, or a load, bends it by."""
+    robot = load_robot("icub-whole")
+    waist = next(servo.index for servo in robot.servos if servo.name == "torso_pitch")
+    settings = GateSettings(contact=ContactSettings())
+    gate = Gate(robot, period=PERIOD, stale_after=0.1, settings=settings, streams=True)
+    angles = np.array(initial_position(robot))
+    orders = [position_command([waist], [start := angles[waist]])]
+    for step in range(400):
+        now = step * PERIOD
+        safe = gate.step(orders, reading(angles, now), now, contacts=standing(force))
+        angles[safe.servos], orders = safe.position, []
+        angles[waist] += np.deg2rad(np.clip(0.1 * (step - 250), 0.0, 3.0))
+    moved = abs(float(safe.position[safe.servos.tolist().index(waist)]) - start)
+    assert moved > np.deg2rad(2.0) if soft else moved < 1e-9
+    assert {one.answer for one in safe.met} == {"soft" if soft else "told"}

@@ -260,6 +260,9 @@ class ContactReaction:
             before, pulled, group.slow = np.inf, noticing.held, True
         else:
             group.path.walk(seen.here, seen.joints.stamp)
+            if group.waist and self._soles:  # whoever pushes it, or a load, would make it lean
+                group.softness.soft = False
+                return None, None
             reference, most = self._references(group, seen), max(self._settings.felt, allowed)
             goal = group.softness.step(
                 seen.here, reference, seen.felt.force, most=most, held=self._settings.held,

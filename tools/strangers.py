@@ -284,7 +284,8 @@ def _faults(result: dict[str, Any]) -> list[str]:
 
 
 def five_lines(robot: Robot, target: Path, reflex: str = "WithdrawalReflex") -> tuple[str, bool]:
-    patches = [one for one in robot.patches if one.name.endswith("_forearm")] or list(robot.patches)
+    arms = [one for one in robot.patches if robot.part(one.part).kind == "arm"]  # what this reflex answers
+    patches = [one for one in arms if one.name.endswith("_forearm")] or arms or list(robot.patches)
     if not patches:
         return "no skin", False
     words = [sys.executable, "-c", FIVE_LINES, str(target), patches[0].name, str(patches[0].channels // 2)]

@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -73,17 +74,8 @@ def _start(folder: Path) -> list[subprocess.Popen[bytes]]:
     conf.write_text(CONF.format(host=socket.gethostname(), address=ADDRESS, folder=folder))
     os.environ["SLURM_CONF"] = str(conf)
     files = [f"--{name}-file={folder}/munge/{name}" for name in ("key", "pid", "log", "seed")]
-    running = [
-        _run(
-            folder,
-            "munged",
-            "--foreground",
-            "--force",
-            f"--socket={folder}/open/munge",
-            "--num-threads=1",
-            *files,
-        )
-    ]
+    socket_file = f"--socket={folder}/open/munge"
+    running = [_run(folder, "munged", "--foreground", "--force", socket_file, "--num-threads=1", *files)]
     _until(lambda: (folder / "open" / "munge").exists())
     running += [_run(folder, "slurmctld", "-D"), _run(folder, "slurmd", "-D")]
     _until(lambda: "idle" in _said("sinfo", "--noheader", "--format=%T"))
@@ -102,8 +94,7 @@ def _said(*command: str) -> str:
         return ""
 
 
-def _until(true: object, seconds: float = 60.0) -> None:
-    assert callable(true)
+def _until(true: Callable[[], bool], seconds: float = 60.0) -> None:
     end = time.monotonic() + seconds
     while not true():
         if time.monotonic() > end:

@@ -87,6 +87,17 @@ def test_what_is_kept_is_not_done_again_and_a_torn_line_is(tmp_path: Path) -> No
     assert not asked.missing_shards(3)
 
 
+def never(number: int) -> dict[str, float]:
+    return {"told": float("inf")}
+
+
+def test_a_number_may_be_infinite(tmp_path: Path) -> None:
+    """As the bound of a reflex that told none."""
+    asked = Sweep(tmp_path, never, [(1,)], "one")
+    asked.run()
+    assert asked.results() == [{"told": float("inf")}]
+
+
 @pytest.mark.parametrize("text", ["0/3", "4/3", "1/0", "3", "a/b", "-1/3"])
 def test_a_wrong_shard_is_told_with_the_valid_ones(text: str) -> None:
     with pytest.raises(CommandError, match="valid: "):

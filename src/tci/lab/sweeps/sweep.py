@@ -25,7 +25,7 @@ from tci.errors import CommandError
 Job = tuple[Any, ...]
 """Arguments of the work, JSON values."""
 Result = dict[str, Any]
-"""What the work found, JSON values."""
+"""What the work found, JSON values; numbers may be infinite or NaN."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +135,7 @@ class Sweep:
         """Appends a line to the shard's file, after the end of a line that a process which was killed left
         open."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        line = json.dumps({"of": self.of, "job": json.dumps(job), "result": result}, allow_nan=False)
+        line = json.dumps({"of": self.of, "job": json.dumps(job), "result": result})
         with (self.folder / f"{shard.number}-of-{shard.of}.jsonl").open("ab+") as file:
             if file.tell():
                 file.seek(-1, os.SEEK_END)

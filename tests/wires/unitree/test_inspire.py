@@ -188,7 +188,7 @@ def test_a_halt_sends_no_old_angles_and_nothing_to_a_hand_that_nobody_moved() ->
     node: Any = SimpleNamespace(other_writers=lambda _: 0, out=lambda *_: sent.append)
     state = np.array([1004, 800, 700, 600, 500, -3])
     hand: Any = SimpleNamespace(
-        side="left", servos=np.arange(6), places=np.arange(6), state=state, late=False
+        commands="", servos=np.arange(6), places=np.arange(6), state=state, late=False
     )
     fingers = InspireFingers(node, hand)
 
@@ -220,6 +220,7 @@ def test_another_program_that_commands_a_hand_keeps_the_robot_unarmed() -> None:
         time.sleep(0.5)
         with pytest.raises(DriverError, match="another program writes rt/inspire_hand/ctrl/r"):
             tci.connect(driver.robot, f"unitree:lo/{domain}", arm=True)
+        assert "1 other programs write rt/inspire_hand/ctrl/r" in [one.what for one in driver.diagnose()]
         del kept
         other.close()
 

@@ -169,10 +169,17 @@ class UnitreeDriver(Driver):
         found.append(
             Finding(level, "checksums", f"{health.wrong} states with a wrong one", advice, figures=wrong)
         )
-        others = self._node.other_writers(self.where.topic) - (self._held is not None)
-        if others > 0:
-            words = f"{others} other programs write {self.where.topic}"
-            found.append(Finding(Level.FAULT, "commands", words, "end them: only one may command the robot"))
+        # the motors of the body have a process of their own
+        writers = {self.where.topic: self._node.other_writers(self.where.topic) - (self._held is not None)}
+        for hand in self._hands:
+            if len(hand.servos):
+                writers[hand.commands] = self._node.other_writers(hand.commands)
+        for name, others in writers.items():
+            if others > 0:
+                advice = "end them: only one may command the robot"
+                found.append(
+                    Finding(Level.FAULT, "commands", f"{others} other programs write {name}", advice)
+                )
         if health.lasting:
             found.append(Finding(Level.FAULT, "robot", health.lasting, "the robot can't be armed like this"))
         for hand in self._hands:

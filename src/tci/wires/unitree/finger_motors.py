@@ -38,10 +38,9 @@ class FingerMotors:
     def __init__(self, node: InterfaceNode, hand: Hand) -> None:
         """Opens the topic of commands. Raises DriverError if another program commands this hand."""
         self.hand = hand
-        topic = f"rt/dex3/{hand.side}/cmd"
-        if node.other_writers(topic):
-            raise DriverError(f"another program writes {topic}; valid: only one")
-        self._write = node.out(topic, messages.HAND_COMMAND)
+        if node.other_writers(hand.commands):
+            raise DriverError(f"another program writes {hand.commands}; valid: only one")
+        self._write = node.out(hand.commands, messages.HAND_COMMAND)
         self._command: Any = np.zeros(len(FINGER_MOTORS), MOTOR_COMMAND)
         self._share = np.ones((2, len(FINGER_MOTORS)))
         self._numbers = np.arange(len(FINGER_MOTORS))

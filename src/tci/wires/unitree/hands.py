@@ -83,7 +83,7 @@ class Hand:
         """Indices (k,) of the servos of the fingers, and numbers (k,) of their motors."""
         pads = pads_of(robot, side) if skin else {}
         self._pads = {patch: pads[patch.name] for patch in robot.patches if patch.name in pads}
-        self.topic = f"rt/dex3/{side}/state"
+        self.topic, self.commands = f"rt/dex3/{side}/state", f"rt/dex3/{side}/cmd"
         self.there = bool(len(self.servos) or self._pads)
         """True if the robot's description has fingers or patches on this hand."""
         self._states = node.reader(self.topic, messages.HAND_STATE) if self.there else None

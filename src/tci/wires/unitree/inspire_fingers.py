@@ -12,7 +12,7 @@ import numpy as np
 from tci.errors import DriverError
 from tci.gate.safe_command import SafeCommand
 from tci.messages.clock import Every
-from tci.shared.inspire_dds import ANGLE, CTRL, FULL, LEAVES, encode, topic
+from tci.shared.inspire_dds import ANGLE, CTRL, FULL, LEAVES, encode
 from tci.shared.interface_node import InterfaceNode
 from tci.wires.unitree.inspire_hand import InspireHand, counts
 
@@ -28,10 +28,9 @@ class InspireFingers:
     def __init__(self, node: InterfaceNode, hand: InspireHand) -> None:
         """Opens the topic of commands. Raises DriverError if another program commands this hand."""
         self.hand = hand
-        name = topic("ctrl", hand.side)
-        if node.other_writers(name):
-            raise DriverError(f"another program writes {name}; valid: only one")
-        self._write = node.out(name, CTRL)
+        if node.other_writers(hand.commands):
+            raise DriverError(f"another program writes {hand.commands}; valid: only one")
+        self._write = node.out(hand.commands, CTRL)
         self._targets = np.zeros(6, "<i2")
         self._led = self._released = False
         self._due = Every(1.0 / RATE)

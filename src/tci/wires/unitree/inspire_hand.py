@@ -94,7 +94,7 @@ class InspireHand:
 
         Raises DriverError if a patch has not as many channels as its pad.
         """
-        self.side, self.topic = side, topic("state", side)
+        self.side, self.topic, self.commands = side, topic("state", side), topic("ctrl", side)
         self._patience = EARLY * robot.binding("unitree").stale_after
         self.servos, self.places = joints_of(robot, side)
         """Indices (k,) of the servos, and places (k,) of their joints in messages."""

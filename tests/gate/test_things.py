@@ -12,7 +12,9 @@ from helpers.gate_checks import make_robot, position_command, reading
 from helpers.rigid_robot import Person, RigidRobot
 from helpers.squeezed import links_of
 from tci.errors import DescriptionError, TciError
+from tci.gate.contact.felt import FeltContact
 from tci.gate.contact.settings import ContactSettings
+from tci.gate.contact.things import Things
 from tci.gate.gate import Gate, GateSettings, GateState
 from tci.messages import Contacts
 from tci.messages.contacts import CONTACT, TAXEL, Site
@@ -135,6 +137,31 @@ def test_who_comes_while_an_arm_touches_its_own_leg_is_somebody() -> None:
     arm.run(0.5, contacts=contact(-1.0))
     assert arm.answers == {"retreat"}
     assert arm.angles[PITCH] < stopped - np.deg2rad(1.0)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_what_only_the_other_link_feels_may_be_somebody(side: float) -> None:
+    """Skin of the trunk feels the arm where the two meet, or somebody on another side."""
+    arm, _ = beside_its_leg()
+    (pair, *_), moved = Clearance(NAO).near(arm.angles, within=0.006), KinematicChain(NAO)
+    servos = np.array([servo for joint in NAO.part("left_arm").servos if (servo := joint.servo) is not None])
+    arm_first = PITCH in moved.chain(pair.first)
+    thing, way = (pair.second, -pair.way_T) if arm_first else (pair.first, pair.way_T)
+    ahead = arm.angles.copy()
+    ahead[next(servo.index for servo in NAO.servos if servo.name == "LShoulderRoll")] -= np.deg2rad(8.0)
+    felt = FeltContact(20.0, side * way, pair.p_T)
+    met = [Things(NAO, ()).met(servos, arm.angles, ahead, [], on) for on in ({}, {thing: [felt]})]
+    assert met[0] is not None
+    assert met[1] == (met[0] if side > 0.0 else None)
+
+
+def test_a_table_that_an_arm_meets_often_is_no_reason_to_stop_the_robot() -> None:
+    arm = Lowered(Fixture("table", (0.1, 0.2, lowest(50.0) - 0.1), (0.5, 0.5, 0.2)))
+    for _ in range(4):
+        arm.run(1.5, goal=80.0)
+        arm.run(1.0, goal=20.0)
+    assert len(arm.told) >= 4
+    assert arm.gate.state is GateState.RUN
 
 
 def test_a_fixture_that_can_not_be_is_refused_and_none_is_left_out_in_silence() -> None:

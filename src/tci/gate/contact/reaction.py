@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tci.errors import UnknownNameError
 from tci.gate.contact.balance import Balance
 from tci.gate.contact.bearing import Bearing
-from tci.gate.contact.felt import Felt, FeltForces
+from tci.gate.contact.felt import Felt, FeltContact, FeltForces
 from tci.gate.contact.following import CLEAR, PROGRESS, Following
 from tci.gate.contact.group import Group, Way
 from tci.gate.contact.noticing import EARLIER, SIGN, Seen, bounds
@@ -99,6 +99,7 @@ class ContactReaction:
         self._things = Things(robot, settings.fixtures)
         self._bearing = Bearing(robot, known=settings.stands)
         self.load({})
+        self._contacts: Contacts | None = None
         self._stamp = self._now = -np.inf
         self._freeing = False
         self.blocked: frozenset[int] = frozenset()
@@ -173,7 +174,7 @@ class ContactReaction:
         if joints.stamp <= self._stamp:
             return [], []
         self._stamp = joints.stamp
-        felt = self._forces.step(contacts)
+        felt, self._contacts = self._forces.step(contacts), contacts
         if contacts is not None:  # while frames do not fit it goes on standing
             self._soles = self._balance.loaded(contacts)
         freeing, self._freeing = self._freeing, False
@@ -297,7 +298,12 @@ class ContactReaction:
         reference = seen.joints.position.copy()
         reference[seen.reference.servos] = seen.reference.position
         felt = [one for one in seen.felt.contacts.values() if one.force > LIGHT]
-        return self._things.met(group.servos, seen.joints.position, reference, felt)
+        others: dict[str, list[FeltContact]] = {}
+        for one in self._contacts or ():
+            if one.part not in group.parts and one.force > LIGHT:
+                link = self._robot.patch(one.patch).link
+                others.setdefault(link, []).append(FeltContact(one.force, one.n_T, one.p_T))
+        return self._things.met(group.servos, seen.joints.position, reference, felt, others)
 
     def _references(self, group: Group, seen: Seen) -> Array:
         return group.references(seen.reference, seen.joints.position)
@@ -422,7 +428,7 @@ class ContactReaction:
     def _begin(self, group: Group, goal: Array) -> None:
         group.goes(goal)
         group.noticing.outside, group.softness.soft = 0, False
-        if group.slow:
+        if group.slow or group.thing:
             return
         group.reactions.append(self._now)
         while self._now - group.reactions[0] > WITHIN:

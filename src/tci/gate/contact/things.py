@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,9 +41,15 @@ class Things:
             self._clearance, self._movers = None, {}
 
     def met(
-        self, servos: NDArray[np.intp], here: Array, reference: Array, contacts: Collection[FeltContact]
+        self,
+        servos: NDArray[np.intp],
+        here: Array,
+        reference: Array,
+        contacts: Collection[FeltContact],
+        others: Mapping[str, Collection[FeltContact]],
     ) -> str | None:
-        """What explains every contact of a group, in words; None if one of them may be somebody.
+        """What explains every contact of a group, and of the links that it met, in words; None if one of them
+        may be somebody.
 
         Args:
             servos: of the group (k,).
@@ -51,12 +57,14 @@ class Things:
             reference: where they should be (n_servos,) [rad].
             contacts: those on the group's skin. Without one, a joint is held, and a thing is what holds it
                 only if the way to the reference leads into it.
+            others: those on skin of other parts, by the name of its link.
         """
         if self._clearance is None:
             return None
         moved = {*servos.tolist()}
         near = [one for one in self._clearance.near(here, within=THINNER) if self._of(one, moved)]
-        if not near:
+        felt = {link: others.get(link, ()) for one in near for link in one[:2]}
+        if not near or any(self._cause(one, near, moved, -1.0) is None for on in felt.values() for one in on):
             return None
         if contacts:
             causes = [self._cause(one, near, moved) for one in contacts]
@@ -70,10 +78,12 @@ class Things:
         """True if the group moves exactly one of the two."""
         return self._moves(one.first, moved) is not self._moves(one.second, moved)
 
-    def _cause(self, felt: FeltContact, near: Iterable[Near], moved: Collection[int]) -> str | None:
-        """The thing that touches where a contact is felt."""
+    def _cause(
+        self, felt: FeltContact, near: Iterable[Near], moved: Collection[int], side: float = 1.0
+    ) -> str | None:
+        """The thing that touches where a contact is felt by the group, or (`side` -1) by the thing."""
         for one in sorted(near, key=lambda one: float(np.linalg.norm(felt.point - one.p_T))):
-            way = one.way_T if self._moves(one.first, moved) else -one.way_T
+            way = side * (one.way_T if self._moves(one.first, moved) else -one.way_T)
             if np.linalg.norm(felt.point - one.p_T) < SPREAD and (
                 felt.normal @ way > TOWARDS or not way.any()
             ):

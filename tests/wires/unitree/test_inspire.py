@@ -143,7 +143,11 @@ def test_angles_and_pads_are_those_of_the_stand_in_and_fingers_obey_within_their
             flat = [value for pad in PADS for value in felt[f"{side}_{pad}"]]
             assert flat == list(range(1062)), "the order of the registers"
         assert not bridge.heard, "nothing is sent before a command"
-        drive(driver, 1.6, index_1=1.2, thumb_1=0.2)
+        goal = [900, 800, 700, round(1000 * (1 - 1.2 / 1.4381)), 500, round(1000 * (1 - 0.2 / 1.1641))]
+        for _ in range(10):  # a busy machine is slower
+            drive(driver, 1.6, index_1=1.2, thumb_1=0.2)
+            if list(bridge.heard[-1][1]) == goal:
+                break
         heard = [one for one in bridge.heard if one[0] == "l"]
         assert not [one for one in bridge.heard if one[0] == "r"], "the other hand is left alone"
         assert {mode for _, _, mode, _ in heard} == {1}, "angles only"
@@ -151,8 +155,7 @@ def test_angles_and_pads_are_those_of_the_stand_in_and_fingers_obey_within_their
         sent = np.array([counts for _, counts, _, _ in heard])
         assert np.abs(sent[0] - ANGLES["l"]).max() <= 30, "it begins where the hand is"
         assert np.abs(np.diff(sent, axis=0)).max() <= 100, "and goes on without a step"
-        assert sent[-1].tolist() == [900, 800, 700, round(1000 * (1 - 1.2 / 1.4381)), 500,
-                                     round(1000 * (1 - 0.2 / 1.1641))]  # fmt: skip
+        assert sent[-1].tolist() == goal
         np.testing.assert_allclose(angles(driver, "l"), rad(sent[-1].tolist()), atol=1e-9)
         drive(driver, 0.8, index_1=2.5, little_1=-1.0)
         assert bridge.heard[-1][1][0::3] == [1000, 0], "as far as they go"

@@ -170,6 +170,9 @@ def try_robot(candidate: Candidate, folder: Path, limit: float) -> TriedRobot:
         tried.two_arms = two_arms(_names(path))
         return tried
     robot = read_robot(target)
+    tried.two_arms = sum(part.kind == "arm" for part in robot.parts) == 2
+    if not tried.two_arms:  # `arms.py` tries what stands alone
+        return tried
     tried.joints = [_mapped(robot, kind) for kind in ("arm", "hand", "head", "torso", "leg")]
     tried.wrong = complaints(robot, [*told["found"], *told["remarks"]])
     checked, error = _tci(["check", "--simulate", str(target)], limit)
@@ -219,7 +222,8 @@ def robots_table(results: Sequence[TriedRobot]) -> None:
         "pokes.\n\n"
         + markdown(ROBOTS, [one.row() for one in sorted(humanoid, key=lambda one: one.name.lower())])
         + (
-            f"\nThese models are refused, because they do not have two arms: {', '.join(others)}.\n"
+            "\nThese models do not have two arms (`tools/arms.py` tries arms and hands that stand alone): "
+            f"{', '.join(others)}.\n"
             if others
             else ""
         )

@@ -10,6 +10,8 @@ import pytest
 
 from tci.errors import DescriptionError
 from tci.lab.authoring.proposal import propose
+from tci.lab.commissioning.plausibility import doubts
+from tci.lab.experiments.verdict import weight_faults
 from tci.messages.frames import rotation_rpy, rpy_of
 from tci.robot.catalogue import load_robot
 from tci.robot.description import TruncatedCone
@@ -69,6 +71,18 @@ def test_the_packaged_robot_comes_out_again(name: str, tmp_path: Path) -> None:
     for right in right_ones:
         ours, left = servos[right].limits, servos[right.replace("Right", "Left")].limits
         assert (ours.torque, ours.velocity) == (left.torque, left.velocity)
+
+
+def test_arms_that_hang_on_springs_are_doubted_and_not_refused() -> None:
+    """PR2's shoulders have 30 N m, their arms take 52."""
+    proposed = propose(model_file("example-robot-data", "pr2_description/urdf/pr2.urdf"), name="pr2")
+    assert not [*weight_faults(proposed)]
+    assert len([one for one in doubts(proposed) if "shoulder_lift_joint: torque limit of 30 N m" in one]) == 2
+
+
+def test_a_model_without_a_joint_that_turns_is_refused_in_words() -> None:
+    with pytest.raises(DescriptionError, match="no mirrored limbs"):
+        propose(model_file("example-robot-data", "iris_description/robots/iris_simple.urdf"), name="iris")
 
 
 def test_an_icub_is_found_as_people_described_it() -> None:

@@ -83,9 +83,11 @@ def read_facts(model: Model, compiled: mujoco.MjModel) -> dict[str, JointFacts]:
     found = {}
     for name, facts in given.items():
         joint = mujoco.mj_name2id(compiled, mujoco.mjtObj.mjOBJ_JOINT, name)
-        dof = int(compiled.jnt_dofadr[joint]) if joint >= 0 else 0
-        losses = (float(compiled.dof_frictionloss[dof]), float(compiled.dof_damping[dof]))
-        found[name] = replace(facts, friction=losses[0], damping=losses[1]) if joint >= 0 else facts
+        found[name] = facts
+        if joint >= 0:
+            dof = int(compiled.jnt_dofadr[joint])
+            losses = (float(compiled.dof_frictionloss[dof]), float(compiled.dof_damping[dof]))
+            found[name] = replace(facts, friction=losses[0], damping=losses[1])
     return found
 
 

@@ -17,6 +17,7 @@ from tci.lab.authoring.link_points import LinkPoints
 from tci.lab.authoring.proposed_parts import HAND, LEG
 from tci.lab.commissioning.both_sides import UNEVEN, joint_pairs, pairs, posture_doubts
 from tci.lab.commissioning.sleeve_ends import sleeve_ends
+from tci.lab.commissioning.weights import weight_doubts
 from tci.messages.frames import Array, apply
 from tci.robot.description import GenericPart, Model, Patch, Robot, TruncatedCone
 from tci.robot.generic_arm import Side, forearm_rotation
@@ -87,6 +88,7 @@ def doubts(robot: Robot) -> list[str]:
     found += sleeve_ends(robot, without=blamed)
     found += _torques(robot)
     found += _unequal_motors(robot)
+    found += weight_doubts(robot)
     return found
 
 

@@ -13,13 +13,13 @@ from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DescriptionError, TciError
 from tci.gate.safe_command import SafeCommand
 from tci.lab.commissioning.both_sides import joint_pairs, pairs
+from tci.lab.commissioning.weights import SPRINGS, too_heavy
 from tci.lab.experiments.checker import command_violations, physics_violations
 from tci.messages import GenericCommand, Mode, PlatformCommand
 from tci.messages.frames import Array, angle_between, apply
 from tci.reasons import Code
 from tci.robot.description import GenericPart, Robot
 from tci.robot.generic_arm import JOINTS, forearm_rotation, side_sign, upper_arm_rotation
-from tci.robot.gravity import Gravity
 from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import KinematicChain
 from tci.runtime.control import Control
@@ -38,9 +38,6 @@ AXIS = 0.5
 """Largest permitted angle [degrees] between an axis of the robot and the corresponding axis of the generic
 arm. Assumed: larger than the effect of rounding in published models, smaller than the effect of a wrong
 mount."""
-FORWARD, SQUARE = np.deg2rad([[90.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0]])
-"""Angles [rad] of the generic joints of an arm that is stretched out forward: on a torso, and of one that
-stands alone, square to its first axis."""
 LIMBS = ("arm", "fingers")
 """Kinds of parts of which a robot needs one for a proof."""
 TARGETS, PACE = 8, 0.4
@@ -100,21 +97,13 @@ def limbs_missing(robot: Robot) -> str:
 
 
 def weight_faults(robot: Robot) -> Iterator[str]:
-    """One sentence for each servo of an arm that can't carry the arm, stretched out forward. Raises
-    DescriptionError if the model does not say what its moving links weigh."""
-    gravity, position = Gravity(robot), np.array(initial_position(robot))
-    arms = [part for part in robot.parts if part.kind == "arm"]
-    for part in arms:
-        joints = joint_map(robot, part.name)
-        ahead = SQUARE if part.stands_alone else FORWARD
-        position[joints.servos] = joints.to_robot(ahead, position)
-    needed = np.abs(gravity.torques(position))
-    for servo in dict.fromkeys(one.servo for part in arms for one in part.servos if one.servo is not None):
-        name, torque = robot.servos[servo].name, robot.servos[servo].limits.torque
-        if torque is not None and needed[servo] > torque:
+    """One sentence for each servo whose arm is so heavy for it that a number is wrong; `doubts` tell the
+    others. Raises DescriptionError as `too_heavy`."""
+    for name, torque, needed in too_heavy(robot):
+        if needed > SPRINGS * torque:
             yield (
                 f"{name}: torque limit of {torque:.3g} N m; the weight of the arm, stretched out, takes "
-                f"{needed[servo]:.3g} N m; valid: a motor's torque in N m, and links whose masses are in kg"
+                f"{needed:.3g} N m; valid: a motor's torque in N m, and links whose masses are in kg"
             )
 
 

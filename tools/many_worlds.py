@@ -33,6 +33,8 @@ from tci.support.engine import mujoco
 PERIOD = 0.02
 """Time [s] between two actions of a policy."""
 MODES = ("bare", "sensors", "skin")
+FEW = 32
+"""Worlds of the robots that are compared with each other."""
 SENSORS = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
 
 
@@ -65,36 +67,46 @@ def poke_all(worlds: Worlds, seed: int = 0) -> None:
     worlds.poke(names, taxels, depth=chance.uniform(0.004, 0.014, worlds.count))
 
 
-def rate(scene: BatchScene, count: int, mode: str, args: argparse.Namespace) -> dict[str, Any]:
-    """Steps a second: the median of several blocks."""
-    worlds, wait = made(scene, count, mode, args)
+def rates(
+    scene: BatchScene, count: int, modes: tuple[str, ...], args: argparse.Namespace
+) -> list[dict[str, Any]]:
+    """Steps a second of each mode: medians of several blocks. The modes take turns, so that a machine that is
+    busy with other things slows all of them."""
     chance = np.random.default_rng(1)
     home = scene.world.servos.asked["target"]
     moves = [home + chance.normal(0.0, 0.02, (count, len(home))).astype(np.float32) for _ in range(4)]
-    poke_all(worlds)
-    speeds, touched = [], 0.0
-    begun = time.perf_counter()
-    for _ in range(8):  # until the fingers touch, and all graphs are recorded
-        worlds.send(moves[0])
-        worlds.advance(PERIOD)
-    wait()
-    warm, processor = time.perf_counter() - begun, time.process_time()
-    for block in range(args.blocks):
+    ready, warm = [made(scene, count, mode, args) for mode in modes], []
+    for worlds, wait in ready:
+        poke_all(worlds)
         begun = time.perf_counter()
-        for k in range(args.steps):
-            worlds.send(moves[k % len(moves)])
+        for _ in range(8):  # until the fingers touch, and all graphs are recorded
+            worlds.send(moves[0])
             worlds.advance(PERIOD)
         wait()
-        speeds.append(count * args.steps / (time.perf_counter() - begun))
-        if mode == "skin" and block == args.blocks - 1:
-            touched = float(worlds.force.any(axis=1).mean())
-    processor = count * args.steps * args.blocks / (time.process_time() - processor)
-    spread = (max(speeds) - min(speeds)) / float(np.median(speeds))
-    return {
-        "robot": scene.robot.name, "worlds": count, "taxels": scene.taxels, "step": scene.step, "mode": mode,
-        "steps_per_second": float(np.median(speeds)), "spread": spread, "touched": touched, "warm": warm,
-        "per_processor_second": processor,
-    }  # fmt: skip
+        warm.append(time.perf_counter() - begun)
+    walls, busy = np.zeros((2, args.blocks, len(modes)))
+    for block, k in itertools.product(range(args.blocks), range(len(modes))):
+        worlds, wait = ready[k]
+        begun, processor = time.perf_counter(), time.process_time()
+        for step in range(args.steps):
+            worlds.send(moves[step % len(moves)])
+            worlds.advance(PERIOD)
+        wait()
+        walls[block, k] = time.perf_counter() - begun
+        busy[block, k] = time.process_time() - processor
+    steps, rows = count * args.steps, list[dict[str, Any]]()
+    for k, mode in enumerate(modes):
+        speeds = steps / walls[:, k]
+        touched = float(ready[k][0].force.any(axis=1).mean()) if mode == "skin" else 0.0
+        rows.append({
+            "robot": scene.robot.name, "worlds": count, "taxels": scene.taxels, "step": scene.step,
+            "mode": mode, "steps_per_second": float(np.median(speeds)),
+            "spread": float(np.ptp(speeds) / np.median(speeds)), "touched": touched, "warm": warm[k],
+            "per_processor_second": steps / float(np.median(busy[:, k])),
+            "times_first": float(np.median(walls[:, k] / walls[:, 0])),
+            "processor_times_first": float(np.median(busy[:, k] / busy[:, 0])),
+        })  # fmt: skip
+    return rows
 
 
 def main() -> None:
@@ -118,17 +130,14 @@ def main() -> None:
     for robot, step in itertools.product(args.robots, args.step):
         scene = batch_scene(robot, step=step)
         for count in args.worlds:
-            base = 0.0
-            for mode in args.modes:
-                row = rate(scene, count, mode, args)
-                base = base or row["steps_per_second"]
-                row["times_first"] = base / row["steps_per_second"]
+            for row in rates(scene, count, args.modes, args):
                 rows.append(row | {"device": device_name(args)})
                 print(
-                    f"{robot} {count} worlds {step * 1e3:g} ms {mode:8} "
+                    f"{robot} {count} worlds {step * 1e3:g} ms {row['mode']:8} "
                     f"{row['steps_per_second']:10.0f}/s "
                     f"x{row['times_first']:.3f} spread {row['spread']:.2f} touched {row['touched']:.2f} "
-                    f"warm {row['warm']:.1f} s, {row['per_processor_second']:.0f} per processor second",
+                    f"warm {row['warm']:.1f} s, {row['per_processor_second']:.0f} per processor second "
+                    f"x{row['processor_times_first']:.3f}",
                     flush=True,
                 )
                 if args.json:
@@ -142,7 +151,7 @@ def plot(measured: Path, picture: Path) -> None:
 
     rows = json.loads(measured.read_text())
     figure, (many, felt) = plt.subplots(1, 2, figsize=(11.0, 4.2), layout="constrained", width_ratios=(3, 2))
-    robots = [row for row in rows if "per_processor_second" in row]
+    robots = [row for row in rows if row["worlds"] == FEW]
     others = [row for row in rows if row not in robots]
     for colour, (device, step) in enumerate(dict.fromkeys((row["device"], row["step"]) for row in others)):
         for mode, line in (("skin", "o-"), ("bare", "o:")):
@@ -166,7 +175,7 @@ def plot(measured: Path, picture: Path) -> None:
                 va="top", xytext=(0, -6), textcoords="offset points",
             )  # fmt: skip
     felt.set(xlabel="taxels in each world", ylabel="steps of 20 ms per second of a processor", ylim=(0, None))
-    felt.set_title("robots, 32 worlds each")
+    felt.set_title(f"robots, {FEW} worlds each")
     for axes in (many, felt):
         axes.grid(alpha=0.3, which="both")
         axes.legend(fontsize=8)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tci.batch import loops
 from tci.batch.limiter import BatchLimiter
+from tci.batch.posture import ANGLES, LimbTables
 from tci.batch.scene import BatchScene
 from tci.batch.worlds import Ids, Worlds
 from tci.errors import CommandError, TciError
@@ -84,6 +85,8 @@ class MujocoWorlds(Worlds):
             np.zeros(n), np.zeros(MOST, SUMMARY),
         )  # fmt: skip
         self._limits = scene.body.settings.contacts.limits
+        self._limbs = LimbTables(scene.body)
+        self._posture = np.zeros((count, len(self._limbs.limbs), ANGLES))
         self._skin = skin
         self._then = self._qpos.copy(), self._qvel.copy()
         self._trackers: list[Tracker] = []
@@ -150,15 +153,12 @@ class MujocoWorlds(Worlds):
             raise TciError(f"world {full - 1}: too many contacts on one patch at once")
         self.frames += 1
         touched = np.flatnonzero(self._numbers.any(axis=1))
-        posture = np.zeros((self.count, max(len(self.scene.body.layout.parts), 1), 4))
         if len(touched):
             angles = self._servo_angles(self._then[0][touched], self._asked["target"][touched])
-            for row, part in enumerate(self.scene.body.layout.parts):
-                one = self.scene.body.joint_maps[part]
-                posture[touched, row] = [one.to_generic(position)[:4] for position in angles]
+            self._limbs.fill(angles, touched, self._posture)
         full = loops.find(
-            self._links, posture, layout, estimates, self._limits, self._clusters, self._felt, self._found,
-            self._work,
+            self._links, self._posture, layout, estimates, self._limits, self._clusters, self._felt,
+            self._found, self._work,
         )  # fmt: skip
         if full:
             raise TciError(f"world {full - 1}: more than {MOST} contacts at once")

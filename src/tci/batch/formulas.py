@@ -14,10 +14,6 @@ Units: [rad], [rad/s], [rad/s2], [rad/s3]; the functions take any consistent one
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from types import FunctionType, SimpleNamespace
-from typing import Any
-
 HALVINGS = 48
 """Of the interval in which the peak speed lies: less than rounding."""
 
@@ -112,15 +108,3 @@ def speed_of(d: float, v: float, a: float, fastest: float, most: float, jerk: fl
         else:
             high = middle
     return 0.5 * (low + high)
-
-
-def made_with(decorate: Callable[[Callable[..., Any]], Any]) -> Any:
-    """These functions, each compiled by `decorate` (numba's or Warp's), as attributes by their names."""
-    own: dict[str, Any] = {**globals()}
-    for name, function in globals().items():
-        if isinstance(function, FunctionType) and name != "made_with" and function.__module__ == __name__:
-            # A copy whose calls find the compiled functions instead of the plain ones.
-            copy = FunctionType(function.__code__, own, name)
-            copy.__annotations__, copy.__module__ = function.__annotations__, __name__
-            own[name] = decorate(copy)
-    return SimpleNamespace(**own)

@@ -8,9 +8,10 @@ import warp as wp
 
 from tci.batch import formulas
 from tci.batch.limiter import PIECES as _PIECES
+from tci.support.one_source import made_with
 
 wp.set_module_options({"enable_backward": False})
-_f = formulas.made_with(wp.func)
+_f = made_with(wp.func, formulas)
 side_of, rise_of, hold_of, fall_of = _f.side_of, _f.rise_of, _f.hold_of, _f.fall_of
 is_eased, ease_of, speed_of, over_peak = _f.is_eased, _f.ease_of, _f.speed_of, _f.over_peak
 PIECES = wp.constant(_PIECES)

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from tci.batch import formulas
 from tci.messages.frames import Array
 from tci.support.compiled import compiled, inlined, reads, views, writes
+from tci.support.one_source import made_with
 
 PIECES = 8
 """Pieces of constant jerk of a motion, see `formulas`."""
-_f = formulas.made_with(inlined)
+_f = made_with(inlined, formulas)
 _side, _rise, _hold, _fall = _f.side_of, _f.rise_of, _f.hold_of, _f.fall_of
 _is_eased, _ease, _speed, _over = _f.is_eased, _f.ease_of, _f.speed_of, _f.over_peak
 

@@ -8,12 +8,12 @@ rotated by `mount` in the description.
 
 from __future__ import annotations
 
-from math import asin, atan2, hypot
 from typing import Literal
 
 import numpy as np
 
 from tci.messages.frames import Array, rotation_y, rotation_z
+from tci.robot.formulas import shoulder_of
 
 Side = Literal["left", "right"]
 
@@ -22,10 +22,6 @@ JOINTS = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow_pitch", "elb
 
 SEGMENTS = ("upper_arm", "forearm")
 """Segments of an arm, on which receptive fields are defined."""
-
-SIDEWAYS = 1e-9
-"""The upper arm counts as pointing straight to the side if the cosine of its abduction angle is below this
-number."""
 
 
 def side_sign(side: Side) -> float:
@@ -67,10 +63,7 @@ def shoulder_angles(R_MU: Array, side: Side) -> Array:
     s = side_sign(side)
     # Python floats for speed: it is computed for each reading.
     (xx, xy, xz), (yx, yy, yz), (_, _, zz) = R_MU.tolist()
-    sideways = hypot(xz, zz) < SIDEWAYS
-    pitch = 0.0 if sideways else atan2(-xz, zz)
-    yaw = atan2(-xy, xx) if sideways else atan2(yx, yy)
-    return np.array([pitch, s * asin(max(min(-yz, 1.0), -1.0)), -s * yaw])
+    return np.array(shoulder_of(xx, xy, xz, yx, yy, yz, zz, s))
 
 
 def forearm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:

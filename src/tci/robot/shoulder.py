@@ -17,7 +17,8 @@ import numpy as np
 from tci.errors import DescriptionError, Fault
 from tci.messages.frames import Array, read_only
 from tci.robot.description import GenericPart, Robot
-from tci.robot.generic_arm import SIDEWAYS, shoulder_angles, side_sign, upper_arm_rotation
+from tci.robot.formulas import SIDEWAYS
+from tci.robot.generic_arm import shoulder_angles, side_sign, upper_arm_rotation
 from tci.robot.kernels.shoulder import ShoulderArrays, keep_inside, solve, solve_near
 from tci.robot.kinematics import KinematicChain
 

@@ -7,6 +7,7 @@ import pytest
 
 from helpers.gate_checks import position_command, reading
 from tci.body.support import inside
+from tci.errors import TciError
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.gate import Gate, GateSettings
 from tci.messages import Contacts
@@ -103,7 +104,19 @@ def test_the_waist_of_a_standing_robot_stays_stiff() -> None:
         angles, at = np.array(initial_position(robot)), np.deg2rad(10.0)
         told, rests = met(angles, force, waist, goal=np.deg2rad(30.0), at=at, robot=robot, fits=fits)
         assert told.endswith(does)
-        assert bool(rests > at) is bool(force)
+        assert abs(rests - at) < 1e-3 if force else rests < at - np.deg2rad(1.0), "it presses no further"
+
+
+@pytest.mark.parametrize("name", ["icub-whole", "icub"])
+def test_an_answer_that_a_standing_robot_overrides_is_told(name: str, caplog: pytest.LogCaptureFixture) -> None:
+    robot = load_robot(name)
+    answers = ContactSettings(answers={"torso": "retreat"})
+    Gate(robot, period=PERIOD, stale_after=0.1, settings=GateSettings(contact=answers), streams=True)
+    assert ("torso retreat: only while no sole is loaded" in caplog.text) is (name == "icub-whole")
+    if name == "icub-whole":
+        legs = ContactSettings(answers={"left_leg": "soft"})
+        with pytest.raises(TciError, match="left_leg soft; valid: answers of .*left_arm"):
+            Gate(robot, period=PERIOD, stale_after=0.1, settings=GateSettings(contact=legs), streams=True)
 
 
 @pytest.mark.parametrize(("force", "soft"), [(50.0, False), (0.0, True)])

@@ -93,11 +93,12 @@ def next_way(torque: float, *, swings: float = 0.0) -> float | None:
 
 def test_after_a_way_back_a_joint_goes_on_while_it_presses_and_turns_if_somebody_is_behind_it() -> None:
     """Of 100 N m: 8 are little more than friction, 12 still press the first, and -30 press somebody else,
-    unless it swings."""
+    unless it swings; a robot that measures no speeds is not known to."""
     assert next_way(8.0) is None
     assert (next_way(12.0) or 0.0) < -0.01
     assert (next_way(-30.0) or 0.0) > 0.001
     assert (next_way(-30.0, swings=0.3) or 0.0) < -0.01
+    assert (next_way(-30.0, swings=np.nan) or 0.0) > 0.001
 
 
 def hand(start: list[float], goal: list[float], link: str, point: list[float], at: list[float]) -> Squeeze:

@@ -30,6 +30,11 @@ class Balance:
             except (DescriptionError, UnknownNameError):
                 self._soles = {}
 
+    @property
+    def known(self) -> bool:
+        """True if it can be told whether the robot stands."""
+        return bool(self._soles)
+
     def loaded(self, contacts: Contacts) -> list[Patch]:
         """The soles on which the robot stands."""
         if not self._soles:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 from collections import deque
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.errors import TciError, UnknownNameError
 from tci.gate.contact.bearing import Bearing
 from tci.gate.contact.noticing import Noticing
 from tci.gate.contact.others import First
@@ -18,6 +21,9 @@ from tci.gate.contact.weights import Sag
 from tci.gate.joint_monitor import Reference
 from tci.messages import JointReading
 from tci.messages.frames import Array
+from tci.robot.description import Robot
+
+_log = logging.getLogger("tci")
 
 
 class Way(NamedTuple):
@@ -89,3 +95,51 @@ class Group:
     def goes(self, goal: Array) -> Array:
         self.goal, self.since, self.free = goal, np.inf, None
         return goal
+
+
+def make_groups(
+    robot: Robot,
+    numbers: Sequence[int],
+    answers: Mapping[str, Literal["retreat", "soft", "stop"]],
+    *,
+    stands: bool,
+) -> tuple[dict[int, Group], dict[str, set[int]]]:
+    """Groups of servos that answer contact, by number, and their numbers, by generic part. Legs carry the
+    robot, so they stop and stay stiff, and a grasp loads the fingers on purpose: neither answers.
+
+    Args:
+        robot: whose servos they are.
+        numbers: group of each servo (n_servos,).
+        answers: what parts do that made a contact, by name.
+        stands: whether soles tell when the robot stands.
+
+    Raises UnknownNameError for a part that the robot lacks, TciError for one that does not answer.
+    """
+    own = {
+        part.name: {numbers[one.servo] for one in part.servos if one.servo is not None}
+        for part in robot.parts
+    }
+    others = set[int]().union(*(own[part.name] for part in robot.parts if part.kind in ("leg", "fingers")))
+    parts = {name: found - others for name, found in own.items()}
+    groups = dict[int, Group]()
+    for number in dict.fromkeys(numbers):
+        if number not in others:
+            servos = [servo for servo, group in enumerate(numbers) if group == number]
+            names = tuple(name for name, found in parts.items() if number in found)
+            groups[number] = Group(np.array(servos), names or (robot.servos[servos[0]].robot_part,))
+    for number in (number for part in robot.parts if part.kind == "torso" for number in parts[part.name]):
+        groups[number].waist = True
+    for name, answer in answers.items():
+        if name not in parts:
+            raise UnknownNameError("part", name, parts)
+        if not parts[name]:
+            able = ", ".join(part for part, found in parts.items() if found)
+            raise TciError(f"contact: {name} {answer}; valid: answers of {able}; legs and fingers have none")
+        for number in parts[name]:
+            groups[number].wanted = answer
+        if stands and answer != "stop" and any(groups[number].waist for number in parts[name]):
+            _log.warning(
+                f"contact: {name} {answer}: only while no sole is loaded; while {robot.name} stands it stops, "
+                "since whoever pushes it, or a load, would make it lean"
+            )
+    return groups, parts

@@ -15,12 +15,11 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.errors import UnknownNameError
 from tci.gate.contact.balance import Balance
 from tci.gate.contact.bearing import Bearing
 from tci.gate.contact.felt import Felt, FeltContact, FeltForces
 from tci.gate.contact.following import CLEAR, PROGRESS, Following
-from tci.gate.contact.group import Group, Way
+from tci.gate.contact.group import Group, Way, make_groups
 from tci.gate.contact.noticing import EARLIER, SIGN, Seen, bounds
 from tci.gate.contact.others import First
 from tci.gate.contact.path import STEP
@@ -61,41 +60,15 @@ class ContactReaction:
     """Notices contacts of a robot's groups of servos, and says where each of them must go."""
 
     def __init__(self, robot: Robot, groups: Sequence[int], settings: ContactSettings) -> None:
-        """`groups` (n_servos,) is the number of each servo's group. Raises UnknownNameError if the settings
-        name a part that the robot lacks."""
+        """`groups` (n_servos,) is the number of each servo's group. Raises the errors of `make_groups`."""
         self._robot, self._settings = robot, settings
-        self._groups: dict[int, Group] = {}
-        # legs carry the robot, so they stop and stay stiff; a grasp loads the fingers on purpose
-        others = {
-            groups[one.servo]
-            for part in robot.parts
-            if part.kind in ("leg", "fingers")
-            for one in part.servos
-            if one.servo is not None
-        }
-        parts: dict[str, set[int]] = {
-            part.name: {groups[one.servo] for one in part.servos if one.servo is not None} - others
-            for part in robot.parts
-        }
-        for number in dict.fromkeys(groups):
-            if number in others:
-                continue
-            own = [servo for servo, group in enumerate(groups) if group == number]
-            names = [name for name, numbers in parts.items() if number in numbers]
-            self._groups[number] = Group(np.array(own), tuple(names) or (robot.servos[own[0]].robot_part,))
-        for name, answer in settings.answers.items():
-            if name not in parts:
-                raise UnknownNameError("part", name, parts)
-            for number in parts[name]:
-                self._groups[number].wanted = answer
-        for part in robot.parts:
-            for number in parts[part.name] if part.kind == "torso" else ():
-                self._groups[number].waist = True
+        self._balance, self._soles = Balance(robot), list[Patch]()
+        known = self._balance.known
+        self._groups, parts = make_groups(robot, groups, settings.answers, stands=known)
         self._forces = FeltForces(parts, lambda number: self._moves(self._groups[number]))
         self._following = Following(
             len(robot.servos), held=settings.held, lag=settings.lag, known=settings.stands
         )
-        self._balance, self._soles = Balance(robot), list[Patch]()
         self._things = Things(robot, settings.fixtures)
         self._bearing = Bearing(robot, known=settings.stands)
         self.load({})
@@ -272,12 +245,14 @@ class ContactReaction:
             )  # fmt: skip
             return goal, None
         group.sag, group.before, group.push = Sag(), self._bearing.before, seen.push
-        group.answer = "stop" if group.waist and self._soles else group.wanted
+        stands = group.waist and bool(self._soles)
+        group.answer = "stop" if stands else group.wanted
         group.thing = None if group.slow else self._thing(group, seen)
-        if group.answer == "stop" and not group.slow:
+        stays = group.answer == "stop" and not group.slow
+        if stays and not stands:
             goal = self._references(group, seen)
-        elif group.thing or group.answer == "soft":
-            goal = seen.here
+        elif stays or group.thing or group.answer == "soft":
+            goal = seen.here  # a reference ahead of the joint would press on
         else:
             goal = self._back(group, seen, before, pulled=pulled)
             if self._tips(group, seen, goal):
@@ -374,7 +349,7 @@ class ContactReaction:
         # a joint that nobody commands may have been moved on purpose: it is a reason to go on, not to wait
         bent = (bool(group.path) or group.first.steps > 0) and seen.bent > settings.held
         # a joint that still swings bears its own motion, too
-        rests = bool((np.abs(seen.joints.velocity[seen.servos]) < MOVES).all())
+        rests = not (np.abs(seen.joints.velocity[seen.servos]) >= MOVES).any()
         most = float(np.abs(seen.bears).max()) * (1.0 if rests else SWINGS)
         behind = most > 1.0 and group.first.may_turn and float(np.dot(seen.bears, group.push)) < -SIGN
         pressed = behind or (most > STILL and bool(group.path))

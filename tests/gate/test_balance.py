@@ -108,14 +108,14 @@ def test_the_waist_of_a_standing_robot_stays_stiff() -> None:
 
 
 @pytest.mark.parametrize("name", ["icub-whole", "icub"])
-def test_an_answer_that_a_standing_robot_overrides_is_told(name: str, caplog: pytest.LogCaptureFixture) -> None:
+def test_an_answer_that_standing_overrides_is_told(name: str, caplog: pytest.LogCaptureFixture) -> None:
     robot = load_robot(name)
     answers = ContactSettings(answers={"torso": "retreat"})
     Gate(robot, period=PERIOD, stale_after=0.1, settings=GateSettings(contact=answers), streams=True)
     assert ("torso retreat: only while no sole is loaded" in caplog.text) is (name == "icub-whole")
     if name == "icub-whole":
         legs = ContactSettings(answers={"left_leg": "soft"})
-        with pytest.raises(TciError, match="left_leg soft; valid: answers of .*left_arm"):
+        with pytest.raises(TciError, match="left_leg soft; valid: answers of left_arm"):
             Gate(robot, period=PERIOD, stale_after=0.1, settings=GateSettings(contact=legs), streams=True)
 
 

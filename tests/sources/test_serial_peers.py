@@ -160,6 +160,32 @@ def reader_of(device: SerialDevice, options: str = "") -> SourceReader:
     return reader
 
 
+class BraincoWithoutAngles(BraincoPressure):
+    """Its firmware has no register 2000, and does not answer."""
+
+    def answer(self, request: bytes) -> bytes:
+        return b"" if request[1:4] == b"\x04\x07\xd0" else super().answer(request)
+
+
+def test_a_hand_that_tells_no_angles_is_not_opened_anew_for_ever() -> None:
+    device = BraincoWithoutAngles()
+    device.number()
+    device.plug()
+    try:
+        reader, said = reader_of(device), "does not tell the angles"
+        end = time.monotonic() + 10.0
+        while not any(said in one.what for one in reader.diagnose()) and time.monotonic() < end:
+            time.sleep(0.05)
+        lost, frames = reader.lost, reader.pads["right_palm"].sequence
+        time.sleep(0.5)
+        assert lost == reader.lost <= 3
+        assert reader.pads["right_palm"].sequence > frames + 5
+        assert any(said in one.what for one in reader.diagnose())
+        reader.close()
+    finally:
+        device.unplug()
+
+
 def test_a_mark_among_the_values_is_not_taken_for_one() -> None:
     device = Flexitac()  # another author's client stays at such a place (PyPI flexitac 0.3.1)
     device.number()

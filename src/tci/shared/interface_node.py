@@ -103,6 +103,12 @@ class InterfaceNode:
                 writers[name].add(participant)
         return len(writers[topic] - writers["rt/lowstate"])
 
+    def fault_of_writers(self, topic: str, *, heard: bool = False) -> str:
+        """Why nothing may be written to a topic of commands; empty if no other program writes it. Commands
+        that were `heard` are another's, whatever discovery says."""
+        other = heard or self.other_writers(topic)
+        return f"another program writes {topic}; valid: only one" if other else ""
+
     def close(self) -> None:
         """Leaves the domain. A second call has no effect."""
         if self._participant is not None:

@@ -188,7 +188,7 @@ def test_a_hand_that_is_silent_or_sends_zeros_holds_and_comes_back_and_an_error_
 
 def test_a_halt_sends_no_old_angles_and_nothing_to_a_hand_that_nobody_moved() -> None:
     sent: list[bytes] = []
-    node: Any = SimpleNamespace(other_writers=lambda _: 0, out=lambda *_: sent.append)
+    node: Any = SimpleNamespace(fault_of_writers=lambda _: "", out=lambda *_: sent.append)
     state = np.array([1004, 800, 700, 600, 500, -3])
     hand: Any = SimpleNamespace(
         commands="", servos=np.arange(6), places=np.arange(6), state=state, late=False
@@ -224,6 +224,20 @@ def test_another_program_that_commands_a_hand_keeps_the_robot_unarmed() -> None:
         with pytest.raises(DriverError, match="another program writes rt/inspire_hand/ctrl/r"):
             tci.connect(driver.robot, f"unitree:lo/{domain}", arm=True)
         assert "1 other programs write rt/inspire_hand/ctrl/r" in [one.what for one in driver.diagnose()]
+        del kept
+        other.close()
+
+
+def test_a_program_that_commands_a_hand_later_stops_the_robot() -> None:
+    with robot(arm=True) as (bridge, driver, domain):
+        assert drive(driver, 0.5, index_1=0.9).state is GateState.RUN
+        other = InterfaceNode("lo", domain)
+        kept = other.out(topic("ctrl", "left"), CTRL)
+        sent = drive(driver, 3.0, GateState.STOP)
+        assert "another program writes rt/inspire_hand/ctrl/l; valid: only one" in sent.reason.text
+        count = len(bridge.heard)
+        drive(driver, 0.3)
+        assert len(bridge.heard) <= count + 1, "nothing more is sent"
         del kept
         other.close()
 

@@ -132,14 +132,14 @@ def make_groups(
     for name, answer in answers.items():
         if name not in parts:
             raise UnknownNameError("part", name, parts)
-        if not parts[name]:
+        if not parts[name] and answer != "stop":
             able = ", ".join(part for part, found in parts.items() if found)
             raise TciError(f"contact: {name} {answer}; valid: answers of {able}; legs and fingers have none")
         for number in parts[name]:
             groups[number].wanted = answer
         if stands and answer != "stop" and any(groups[number].waist for number in parts[name]):
             _log.warning(
-                f"contact: {name} {answer}: only while no sole is loaded; while {robot.name} stands it stops, "
-                "since whoever pushes it, or a load, would make it lean"
+                f"contact: {name} {answer}: only while no sole is loaded; a {robot.name} that stands stops "
+                "it, since whoever pushes it, or a load, would make it lean"
             )
     return groups, parts

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.drivers.diagnosis import Finding
+from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.source import FingerAngles, Sample, Source
 from tci.errors import DriverError, FrameError
 from tci.shared.axes import along, values_per_point
@@ -31,6 +31,9 @@ forces, and none on the thumb."""
 ANGLES = 2000
 JOINTS = ("thumb", "thumb_aux", "index", "middle", "ring", "little")
 """Order of the angles from this register, 0 to 1000; 0 is open (the maker's PyPI bc-stark-sdk 2.0.8)."""
+TRIES = 3
+"""A hand that told its angles in none of so many sweeps is asked for them no more: each try would close the
+port."""
 FORCE_POINTS = 31
 PATIENCE = 0.2
 """Longest time [s] until an answer."""
@@ -77,6 +80,7 @@ class BraincoSource(Source):
         self._axes, self.values_per_point = axes, values_per_point(axes)
         self._speed, self._kind = int(baud), 0
         self._port: SerialPort | None = None
+        self._tries: float = TRIES
 
     def find_pads(self) -> None:
         try:
@@ -110,8 +114,11 @@ class BraincoSource(Source):
         for pad, values in self._values():
             if side + pad in self.pads:
                 yield Sample(side + pad, values)
-        angles = self._registers(VALUES, ANGLES, len(JOINTS)).astype(float) / 1000.0
-        yield FingerAngles(dict(zip(JOINTS, angles.tolist(), strict=True)))
+        if self._tries:
+            self._tries -= 1
+            angles = self._registers(VALUES, ANGLES, len(JOINTS)).astype(float) / 1000.0
+            self._tries = np.inf
+            yield FingerAngles(dict(zip(JOINTS, angles.tolist(), strict=True)))
 
     def _values(self) -> Iterator[tuple[str, NDArray[np.generic]]]:
         if self._kind == CAPACITIVE:
@@ -137,7 +144,10 @@ class BraincoSource(Source):
                 yield finger, along(points, self._axes)
 
     def diagnose(self) -> Iterator[Finding]:
-        return findings(self.address)
+        yield from findings(self.address)
+        if not self._tries:
+            words = f"the hand does not tell the angles of its fingers (register {ANGLES}); its touch is read"
+            yield Finding(Level.NOTE, self.address, words, "see whether its firmware is the latest")
 
     def close(self) -> None:
         if self._port is not None:

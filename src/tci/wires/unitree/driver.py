@@ -31,7 +31,7 @@ from tci.errors import DriverError, FrameError
 from tci.gate.partial_gate import PartialGate
 from tci.gate.safe_command import SafeCommand
 from tci.messages import JointReading, Reading
-from tci.messages.clock import MonotonicClock
+from tci.messages.clock import Every, MonotonicClock
 from tci.messages.frames import read_only
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
@@ -45,6 +45,7 @@ from tci.wires.unitree.health import Health
 from tci.wires.unitree.held_motors import HeldMotors, Status
 from tci.wires.unitree.inspire_fingers import InspireFingers
 from tci.wires.unitree.inspire_hand import InspireHand
+from tci.wires.unitree.keeper import LOOK
 from tci.wires.unitree.motors import (
     MOTORS,
     NAMES,
@@ -117,7 +118,7 @@ class UnitreeDriver(Driver):
         self._set_points = SetPoints(self._slots, whole=self.where.whole)
         self._fingers: list[FingerMotors | InspireFingers] = []
         self._held: HeldMotors | None = None
-        self._began = self.clock.now()
+        self._began, self._look = self.clock.now(), Every(LOOK)
         self._node = InterfaceNode(self.where.interface, self.where.domain)
         try:
             self._states = self._node.reader("rt/lowstate", messages.STATE, keep=MOST)
@@ -197,7 +198,11 @@ class UnitreeDriver(Driver):
         self._hear()
         if self._held is not None:
             self._follow(self._held.poll())
+            look = self._look.due(self.clock.now())
             for fingers in self._fingers:
+                if look:
+                    hand = fingers.hand
+                    hand.fault = hand.fault or self._node.fault_of_writers(hand.commands)
                 if why := fingers.hand.fault:
                     fingers.release()
                     self.gate.stop(Reason(Code.ROBOT_REFUSES, f"the fingers are switched off: {why}"))

@@ -38,8 +38,8 @@ class FingerMotors:
     def __init__(self, node: InterfaceNode, hand: Hand) -> None:
         """Opens the topic of commands. Raises DriverError if another program commands this hand."""
         self.hand = hand
-        if node.other_writers(hand.commands):
-            raise DriverError(f"another program writes {hand.commands}; valid: only one")
+        if why := node.fault_of_writers(hand.commands):
+            raise DriverError(why)
         self._write = node.out(hand.commands, messages.HAND_COMMAND)
         self._command: Any = np.zeros(len(FINGER_MOTORS), MOTOR_COMMAND)
         self._share = np.ones((2, len(FINGER_MOTORS)))

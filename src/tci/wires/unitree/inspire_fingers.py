@@ -28,8 +28,8 @@ class InspireFingers:
     def __init__(self, node: InterfaceNode, hand: InspireHand) -> None:
         """Opens the topic of commands. Raises DriverError if another program commands this hand."""
         self.hand = hand
-        if node.other_writers(hand.commands):
-            raise DriverError(f"another program writes {hand.commands}; valid: only one")
+        if why := node.fault_of_writers(hand.commands):
+            raise DriverError(why)
         self._write = node.out(hand.commands, CTRL)
         self._targets = np.zeros(6, "<i2")
         self._led = self._released = False

@@ -177,10 +177,9 @@ class Keeper:
             self._looked = now
             # A received command counts even if the robot's own participant sent the command, since Unitree's
             # SDK in C++ may use one participant for the robot and for the program.
-            written = self._first is not None and now - self._first > GRACE and latest(self._others)
-            if self._node.other_writers(self._topic) or written:
-                words = f"another program writes {self._topic}; valid: only one"
-                self.health.lasting = self.health.lasting or words
+            settled = self._first is not None and now - self._first > GRACE
+            words = self._node.fault_of_writers(self._topic, heard=settled and bool(latest(self._others)))
+            self.health.lasting = self.health.lasting or words
         silent = self._followed is not None and now - self._followed > SILENT
         why = self.health.lasting or self.health.passing(now)
         if not why and silent and self.handover.phase is Phase.LEADING:

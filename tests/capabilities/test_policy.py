@@ -14,6 +14,7 @@ import tci
 from tci.capabilities.fields import default_fields
 from tci.capabilities.policy import Observation, PolicySpec
 from tci.errors import TciError
+from tci.reasons import Code, Reason
 from tci.robot.limb import generic_limb_distance
 from tci.testing import FakeDriver, TouchedRobot
 
@@ -172,6 +173,23 @@ def test_it_gives_way_to_the_gate_where_it_pushes() -> None:
     assert result.went_back, "it pushes"
     assert parts == {"left_arm", "left_hand"}, "they move together, and each is named"
     assert sum(notice.count for notice in result.refusals) <= 1, "that of the instant"
+
+
+def test_while_the_robot_is_held_it_waits_and_then_goes_on() -> None:
+    """A velocity is ordered again and again, so the hold would refuse several."""
+    driver, spec = FakeDriver("icub"), PolicySpec(mode="velocity", action_scale=[0.5] * 5)
+    drive = tci.PolicyCapability(lambda seen: [0, 0, 0, 1, 0], spec)
+    held, going = range(5, 45), list[bool]()  # periods of 2 ms; it acts in every tenth
+
+    def guard() -> Reason | None:
+        return Reason(Code.OWNER_HOLDS, "the loop missed 3 periods") if len(going) in held else None
+
+    see = lambda tick: going.append(len(tick.commands) > 0)  # noqa: E731
+    result = tci.run(driver, drive, duration=0.5, guard=guard, observe=see)
+    assert not result.refusals
+    assert [notice.count for notice in result.holds] == [len(held)]
+    assert not any(going[n] for n in held)
+    assert sum(going[45:75]) >= 2
 
 
 def test_in_velocity_mode_it_drives_and_rests() -> None:

@@ -223,6 +223,12 @@ class Gate:
         if reason:
             self._held = Reason.of(reason)
 
+    def held(self, joints: JointReading, now: float) -> Reason | None:
+        """Why a step at `now` [s] would refuse orders: the state STOP, a `hold`, or a reading that can't be
+        used. None if nothing is known that would."""
+        fault = fault_of_reading(self._robot, joints, now, self._stale_after)
+        return self._stopped or fault or self._held
+
     def reset(self) -> None:
         """Ends the state STOP. Only an operator should call this method.
 

@@ -12,6 +12,7 @@ from tci.messages.contacts import Contacts, Frozen
 from tci.messages.frames import Array, read_only
 from tci.messages.met import Met
 from tci.messages.readings import JointReading
+from tci.reasons import Reason
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,3 +96,6 @@ class Perception:
     met: tuple[Met, ...] = ()
     """What the gate that owns the robot said of contact last, one for each part: also where no skin feels it,
     since a joint is held."""
+    held: Reason | None = None
+    """Why the robot is held in this period, as far as it is known before the capability's step: the gate
+    refuses all orders now. None if it is not held."""

@@ -158,6 +158,10 @@ class Control:
         for watchdog in self._watchdogs:
             if (reason := watchdog(moment)) is not None:
                 self.driver.gate.hold(reason)
+        held = None if perception is None else self.driver.gate.held(reading.joints, now)
+        if perception is not None and held is not None:
+            perception = self._perception = replace(perception, held=held)
+            moment = self._moment = replace(moment, perception=perception)
         return moment
 
     def act(self, orders: Sequence[Order] = ()) -> SafeCommand:

@@ -160,8 +160,10 @@ class PolicyCapability(Capability[Policies]):
         return own
 
     def _give_way(self, own: PolicyMemory, part: str, perception: Perception) -> PolicyMemory:
-        """Waits while the gate answers a contact of the part."""
+        """Waits while the robot is held, and while the gate answers a contact of the part."""
         now = perception.stamp
+        if perception.held is not None:
+            return replace(own, asked=None, ask=now, actions=None, wrong=str(perception.held))
         if any(met.part == part and met.answer not in ("told", "expected") for met in perception.met):
             own = replace(own, free=now + QUIET)
         if now >= own.free:

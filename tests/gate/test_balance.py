@@ -2,39 +2,73 @@
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Any
+
+import mujoco
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 from helpers.gate_checks import position_command, reading
-from tci.body.support import inside
 from tci.errors import TciError
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.gate import Gate, GateSettings
 from tci.messages import Contacts
 from tci.messages.contacts import CONTACT, TAXEL, Site
-from tci.messages.frames import Array, apply
+from tci.messages.frames import Array
 from tci.reasons import Code
 from tci.robot.catalogue import load_robot
+from tci.robot.collisions import solid_spec
 from tci.robot.description import Robot
-from tci.robot.gravity import Gravity
 from tci.robot.joint_map import initial_position
-from tci.robot.kinematics import KinematicChain
 from tci.skin.surfaces import surfaces_of
 
 ROBOT = load_robot("nao-whole")
 PLACE = {servo.name: servo.index for servo in ROBOT.servos}
 ARM, ANKLE = PLACE["LShoulderPitch"], PLACE["LAnklePitch"]
 SOLE = next(one for one in surfaces_of(ROBOT) if one.patch == "left_sole")
-PERIOD = 0.01
+PERIOD, BALL = 0.01, 1e-3
+"""[s]; radius [m] of what touches the floor under each sensor."""
 START, HELD = 30.0, 60.0
 """The arm goes down, from somewhat before the robot, and is held on its way [degrees]."""
 
 
+@cache
+def on_ground() -> tuple[Any, Any]:
+    """MuJoCo's model of the robot, a small ball under each sensor of the left sole, and a floor that moves
+    with it."""
+    spec = solid_spec(ROBOT)
+    for point in SOLE.positions:
+        ball = [*(point - BALL * SOLE.normals[0])]
+        spec.body(SOLE.link).add_geom(pos=ball, size=[BALL, 0.0, 0.0], contype=2, conaffinity=2, mass=0.0)
+    floor = spec.worldbody.add_body(name="floor", mocap=True)
+    kind = mujoco.mjtGeom.mjGEOM_PLANE
+    floor.add_geom(type=kind, size=[1.0, 1.0, 1.0], contype=2, conaffinity=2)
+    model = spec.compile()
+    return model, mujoco.MjData(model)
+
+
 def margin(angles: Array) -> float:
-    """Of the centre of mass over the left sole [m], by the convex hull of its taxels."""
-    pose = KinematicChain(ROBOT).poses(angles, [SOLE.link])[SOLE.link]
-    down = (SOLE.normals @ pose[:3, :3].T).mean(axis=0)
-    return inside(Gravity(ROBOT).centre_of_mass(angles), apply(pose, SOLE.positions), down)
+    """Of the centre of mass inside the points that touch the floor [m], both as MuJoCo says."""
+    model, data = on_ground()
+    for servo in ROBOT.servos:
+        for joint in servo.joints:
+            turned = joint.multiplier * angles[servo.index] + joint.offset
+            data.qpos[model.joint(joint.joint).qposadr[0]] = turned
+    mujoco.mj_forward(model, data)
+    foot = data.body(SOLE.link)
+    pose = foot.xmat.reshape(3, 3)
+    up = -pose @ SOLE.normals[0]
+    data.mocap_pos[0] = foot.xpos + pose @ SOLE.positions[0] + 1e-5 * up
+    mujoco.mju_quatZ2Vec(data.mocap_quat[0], up)
+    mujoco.mj_forward(model, data)
+    floor = int(model.body("floor").geomadr[0])
+    touching = data.contact.pos[(data.contact.geom == floor).any(axis=1)]
+    assert len(touching) == len(SOLE.positions)
+    across = np.linalg.svd(up[None])[2][1:]
+    hull = ConvexHull(touching @ across.T).equations
+    return -float((hull[:, :2] @ (across @ data.subtree_com[1]) + hull[:, 2]).max())
 
 
 def leaning(arm: float) -> Array:

@@ -120,7 +120,7 @@ class GenericBody:
             _parts=kinds,
             _has_joint=has,
             _landmarks=landmarks,
-            _stability=StaticStability(skin),
+            _stability=StaticStability(skin.robot),
             _retreat=(retreat := Retreat(skin, layout)),
             _paces=Paces(robot, retreat),
             _coverage=Coverage(skin, landmarks),

@@ -15,7 +15,7 @@ from tci.messages.frames import apply, invert
 from tci.robot.generic_arm import limb_coordinates
 from tci.skin.contacts import ContactSettings, centre_of_pressure
 from tci.skin.fill_factor import WIDTHS, fill_factors
-from tci.skin.kernels.contacts import LEAST_FILL, MOST_HIDDEN, NARROW, SEPARATE
+from tci.skin.formulas import LEAST_FILL, MOST_HIDDEN, NARROW, SEPARATE
 from tci.skin.skin import segment_pose
 from tci.skin.surfaces import Surface
 

@@ -7,7 +7,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.batch.cpu import MujocoWorlds
+from tci.batch.worlds import Worlds
 from tci.capabilities.capability import Capability
 from tci.errors import CommandError
 from tci.messages import Mode, PlatformCommand
@@ -22,7 +22,7 @@ class Answers(Generic[M]):
     nor answered are left out. Raises CommandError for a capability that does not command positions.
     """
 
-    def __init__(self, worlds: MujocoWorlds, capability: Capability[M]) -> None:
+    def __init__(self, worlds: Worlds, capability: Capability[M]) -> None:
         self.worlds, self.capability = worlds, capability
         self.memories: list[M] = [capability.init(worlds.scene.body) for _ in range(worlds.count)]
         """Memory of each world."""

@@ -15,8 +15,7 @@ from tci.batch.posture import ANGLES, LimbTables
 from tci.batch.scene import BatchScene
 from tci.batch.worlds import Ids, Worlds
 from tci.errors import CommandError, TciError
-from tci.messages import JointReading, Perception, SkinState
-from tci.messages.contacts import CONTACT, TAXEL, Contacts
+from tci.messages.contacts import CONTACT, TAXEL
 from tci.messages.frames import Array, frozen
 from tci.simulation.finger import PARKED as FINGER_PARKED
 from tci.simulation.stepping import POKE
@@ -88,14 +87,8 @@ class MujocoWorlds(Worlds):
         self._limbs = LimbTables(scene.body)
         self._posture = np.zeros((count, len(self._limbs.limbs), ANGLES))
         self._skin = skin
-        self._then = self._qpos.copy(), self._qvel.copy()
-        self._trackers: list[Tracker] = []
-        self.frames = 0
-        """Frames of skin so far, of whichever patches."""
+        self._before = self._qpos.copy(), self._qvel.copy()
         self._shared = -1, self._stamps(), np.zeros(p, np.int64)
-        self._none = (
-            frozen(np.zeros(p + 1, np.int64)), frozen(np.zeros(0, np.int32)), frozen(np.zeros(0)),
-        )  # fmt: skip
         self.reset()
 
     def reset(self, worlds: ArrayLike | None = None) -> None:
@@ -137,7 +130,7 @@ class MujocoWorlds(Worlds):
             loops.prepare(time, self._qpos, self._ctrl, self._drives, self._asked, self._pokes)
             due = self._skin and number >= self._rows["due"].min(initial=number + 1)
             if due:
-                self._then = self._qpos.copy(), self._qvel.copy()
+                self._before = self._qpos.copy(), self._qvel.copy()
             self.batch.step()
             loops.note(time, self._sensors, self._pokes, self._row)
             self.steps = number + 1
@@ -146,7 +139,7 @@ class MujocoWorlds(Worlds):
 
     def _feel(self, number: int) -> None:
         """Takes the frames that are due at the beginning of a step, which is over now; the joints were at
-        `_then`."""
+        `_before`."""
         layout, estimates = self.scene.body.layout.arrays, self.scene.estimates
         full = loops.feel(number, self._skins, layout, estimates, self._felt)
         if full > 0:
@@ -154,7 +147,7 @@ class MujocoWorlds(Worlds):
         self.frames += 1
         touched = np.flatnonzero(self._numbers.any(axis=1))
         if len(touched):
-            angles = self._servo_angles(self._then[0][touched], self._asked["target"][touched])
+            angles = self._servo_angles(self._before[0][touched], self._asked["target"][touched])
             self._limbs.fill(angles, touched, self._posture)
         full = loops.find(
             self._links, self._posture, layout, estimates, self._limits, self._clusters, self._felt,
@@ -162,41 +155,21 @@ class MujocoWorlds(Worlds):
         )  # fmt: skip
         if full:
             raise TciError(f"world {full - 1}: more than {MOST} contacts at once")
+        self._follow()
 
-        for w in np.flatnonzero(self._found[3]).tolist() if self._trackers else ():
-            rows, begin, taxels = self._contacts_of(w)
-            self._trackers[w].follow(ContactArrays(rows, begin, taxels), self._stamps())
-
-    def track(self) -> None:
-        """From now on contacts have identities, which takes time in Python."""
-        self._trackers = [Tracker() for _ in range(self.count)]
-
-    def perceive(self, world: int) -> Perception:
-        """What a perceiver would say of one world at the time of the latest frame."""
-        qpos, qvel = (one[world : world + 1] for one in self._then)
-        drives, time = self.scene.world.servos.drives[::-1], float(self._latest()[0].max(initial=0.0))
-        velocity = np.zeros(self._wanted.shape[1])
-        velocity[drives["servo"]] = qvel[0, drives["dof"]] / drives["ratio"]
-        angles = self._servo_angles(qpos, self._asked["target"][world : world + 1])[0]
-        joints = JointReading(time, self.frames, frozen(angles), frozen(velocity))
-        return Perception(
-            time,
-            self.scene.body.posture(joints),
-            self.contacts(world),
-            joints=joints,
-            skin=self._skin_of(world),
-        )
-
-    def _skin_of(self, world: int) -> SkinState:
-        starts, numbers = self.scene.body.layout.starts, self._numbers[world]
+    def _active_of(self, world: int) -> tuple[NDArray[np.int64], NDArray[np.int32], Array]:
         _, listed, pressure, _, _ = self._felt
-        stamps, sequence = self._latest()
+        numbers, starts = self._numbers[world], self.scene.body.layout.starts
         if not numbers.any():
-            return SkinState(starts, stamps, sequence, self._none[0], *self._none[1:])
+            return numbers, np.zeros(0, np.int32), np.zeros(0)
         own = np.concatenate([np.arange(s, s + n) for s, n in zip(starts, numbers.tolist(), strict=False)])
-        begin = np.concatenate([[0], np.cumsum(numbers)])
-        active, pressures = frozen(listed[world, own]), frozen(pressure[world, own])
-        return SkinState(starts, stamps, sequence, frozen(begin), active, pressures)
+        return numbers, listed[world, own], pressure[world, own]
+
+    def _then(self, world: int) -> tuple[Array, Array]:
+        qpos, qvel = (one[world : world + 1] for one in self._before)
+        drives, velocity = self.scene.world.servos.drives[::-1], np.zeros(self._wanted.shape[1])
+        velocity[drives["servo"]] = qvel[0, drives["dof"]] / drives["ratio"]
+        return self._servo_angles(qpos, self._asked["target"][world : world + 1])[0], velocity
 
     def _stamps(self) -> Array:
         """Times (p,) [s] of the latest frames."""
@@ -204,17 +177,15 @@ class MujocoWorlds(Worlds):
         return stamps
 
     def _latest(self) -> tuple[Array, NDArray[np.int64]]:
-        """Times (p,) [s] and sequence numbers (p,) of the latest frames, for all worlds; read-only."""
         if self._shared[0] != self.frames:
             self._shared = self.frames, frozen(self._stamps()), frozen(self._rows["count"].copy())
         return self._shared[1:]
 
-    def _contacts_of(self, world: int) -> tuple[Any, Any, Any]:
-        """Views of rows, beginnings and taxels of the contacts of one world."""
+    def _contacts_of(self, world: int) -> ContactArrays:
         rows, begin, taxels, counts = self._found
         count = int(counts[world])
         kept = begin[world, : count + 1] if count else np.zeros(1, np.int64)
-        return rows[world, :count], kept, taxels[world, : kept[-1]]
+        return ContactArrays(rows[world, :count], kept, taxels[world, : kept[-1]])
 
     def send(self, targets: ArrayLike) -> None:
         given = np.asarray(targets, dtype=float)
@@ -243,7 +214,6 @@ class MujocoWorlds(Worlds):
 
     @property
     def touched(self) -> NDArray[np.bool_]:
-        """True (N,) for each world with a contact in its latest frames."""
         return self._found[3] > 0
 
     @property
@@ -257,11 +227,6 @@ class MujocoWorlds(Worlds):
         """Largest contact force (N,) [N] on the tip of each finger in its poke."""
         peak: Array = self._pokes["peak"]
         return peak
-
-    def contacts(self, world: int) -> Contacts:
-        """Contacts of one world in its latest frames, as a perceiver finds them; identified after `track`."""
-        rows, begin, taxels = (one.copy() for one in self._contacts_of(world))
-        return Contacts(self.scene.body.layout.sites, *self._latest(), rows, begin, taxels)
 
     def touch(self, world: int, arrange: Callable[[World], object]) -> None:
         """Has the finger of one world do what `arrange` has it do in a single world in the same posture, such

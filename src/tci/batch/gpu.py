@@ -6,14 +6,16 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tci.batch.scene import BatchScene
 from tci.batch.worlds import Ids, Worlds
 from tci.errors import ClashError, CommandError, TciError
-from tci.messages.frames import Array
+from tci.messages.frames import Array, frozen
 from tci.simulation.finger import DAMPING, PARKED, STIFFNESS
 from tci.simulation.sampling import SLOTS
+from tci.skin.kernels.arrays import ContactArrays
+from tci.skin.tracking import Tracker
 from tci.support.engine import mujoco
 from tci.support.installed import needs
 
@@ -28,6 +30,7 @@ with needs("worlds on a GPU", "batch"):
     import warp as wp
 
     from tci.batch import feel, kernels
+    from tci.batch.touches import Touches
 
 CONTACTS, ROWS = 24, 64
 """Room for contacts, and for rows of constraints beside those of joints, of each world. More are left out by
@@ -41,7 +44,7 @@ class WarpWorlds(Worlds):
         scene: The scene.
         count: Number of worlds.
         device: Of Warp, such as "cuda:0" or "cpu"; by default the first GPU.
-        skin: False leaves taxels out; the physics stays the same.
+        skin: False leaves taxels and contacts out; the physics stays the same.
     """
 
     def __init__(
@@ -99,7 +102,9 @@ class WarpWorlds(Worlds):
             self._times, self._jerks = (wp.zeros((count, n, 8), dtype=float) for _ in range(2))
             self._drives = wp.zeros((count, len(servos.drives)), dtype=wp.vec3)
             self._pokes = wp.zeros(count, dtype=kernels.Poke)
-        self._skin, self._rates = skin, rows["rate"].copy()
+            self._qpos, self._qvel = wp.clone(self.data.qpos), wp.clone(self.data.qvel)
+            self._touches = Touches(scene, count) if skin else None
+        self._rates = rows["rate"].copy()
         self._every = int(servos.ramp_steps)
         self._due: dict[bytes, Any] = {}
         self._graphs: dict[tuple[bool, bytes], Any] = {}
@@ -119,8 +124,13 @@ class WarpWorlds(Worlds):
         ):  # fmt: skip
             self._write(array, ids, value)
         self.retire(ids)
+        if self._touches:
+            self._touches.reset(ids)
+            for w in ids.tolist() if self._trackers else ():
+                self._trackers[w] = Tracker()
         if worlds is None:
             self.steps, self._taken = 0, np.full(len(self._rates), -1)
+            self._stamps = np.zeros(len(self._rates))
             self._number.zero_()
 
     def retire(self, worlds: ArrayLike | None = None) -> None:
@@ -156,10 +166,11 @@ class WarpWorlds(Worlds):
 
     def _step(self) -> None:
         due = np.zeros(len(self._rates), np.int32)
-        if self._skin:
+        if self._touches:
             # As in `loops.feel`: the frame after the latest one is due from this step on.
             due[:] = self.steps >= np.ceil((self._taken + 1) / self._rates - 1e-6)
             self._taken += due
+            self._stamps[due > 0] = self.time
         key = self.steps % self._every == self.phase, due.tobytes()
         if key[1] not in self._due:
             self._due[key[1]] = wp.array(due, dtype=int)
@@ -174,6 +185,10 @@ class WarpWorlds(Worlds):
         else:
             wp.capture_launch(self._graphs[key])
         self.steps += 1
+        if self._touches and due.any():
+            self.frames += 1
+            self._touches.renew()
+            self._follow()
 
     def _launch(self, tick: bool, which: bytes) -> None:
         """One step of the physics, on a control `tick` after the set-points have moved on; then frames of the
@@ -195,6 +210,9 @@ class WarpWorlds(Worlds):
         wp.launch(kernels.push, dim=count, inputs=[
             step, self._number, finger.actuator, DAMPING / STIFFNESS, self._pokes, data.ctrl,
         ])  # fmt: skip
+        if any(which):
+            wp.copy(self._qpos, data.qpos)
+            wp.copy(self._qvel, data.qvel)
         mjw.step(self.model, data)
         sensor = int(finger.state[0]["sensor"])
         wp.launch(kernels.note, dim=count, inputs=[step, self._number, sensor, data.sensordata, self._pokes])
@@ -209,6 +227,8 @@ class WarpWorlds(Worlds):
                     self._forces, self._full,
                 ],
             )  # fmt: skip
+            assert self._touches is not None  # or no frame were due
+            self._touches.launch(due, self._forces, self._states, self._qpos, data)
 
     def send(self, targets: ArrayLike) -> None:
         given = np.asarray(targets, dtype=np.float32)
@@ -218,11 +238,41 @@ class WarpWorlds(Worlds):
 
     @property
     def joints(self) -> Array:
+        return self._servo_angles(self.data.qpos.numpy())
+
+    def _servo_angles(self, qpos: Array) -> Array:
         first = self.scene.world.servos.drives[::-1]  # of a servo with several joints the first counts
         angles: Array = self._states.numpy()[:, :, 0].astype(float)
-        qpos = self.data.qpos.numpy()
         angles[:, first["servo"]] = (qpos[:, first["address"]] - first["shift"]) / first["ratio"]
         return angles
+
+    @property
+    def contacts_on_device(self) -> Touches:
+        """The contacts of the latest frames, as Warp's arrays. Raises CommandError for worlds without
+        skin."""
+        if self._touches is None:
+            raise CommandError("contacts of worlds without skin; valid: skin=True")
+        return self._touches
+
+    @property
+    def touched(self) -> NDArray[np.bool_]:
+        touched: NDArray[np.bool_] = self.contacts_on_device.read("counts").any(axis=1)
+        return touched
+
+    def _contacts_of(self, world: int) -> ContactArrays:
+        return self.contacts_on_device.contacts(world)
+
+    def _active_of(self, world: int) -> tuple[NDArray[np.int64], NDArray[np.int32], Array]:
+        return self.contacts_on_device.active(world)
+
+    def _latest(self) -> tuple[Array, NDArray[np.int64]]:
+        return frozen(self._stamps.copy()), frozen(self._taken.astype(np.int64))
+
+    def _then(self, world: int) -> tuple[Array, Array]:
+        angles = self._servo_angles(self._qpos.numpy())[world]
+        drives, velocity = self.scene.world.servos.drives[::-1], np.zeros(len(self._start))
+        velocity[drives["servo"]] = self._qvel.numpy()[world, drives["dof"]] / drives["ratio"]
+        return angles, velocity
 
     @property
     def force(self) -> Array:

@@ -12,7 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from tci.batch.scene import BatchScene
 from tci.errors import CommandError, UnknownNameError
-from tci.messages.frames import Array
+from tci.messages import JointReading, Perception, SkinState
+from tci.messages.contacts import Contacts
+from tci.messages.frames import Array, frozen
+from tci.skin.kernels.arrays import ContactArrays
+from tci.skin.tracking import Tracker
 
 Engine = Literal["mujoco", "warp"]
 Ids = NDArray[np.intp]
@@ -31,6 +35,9 @@ class Worlds(ABC):
         self.scene, self.count = scene, count
         self.steps = 0
         """Steps of the physics since the start."""
+        self.frames = 0
+        """Frames of skin so far, of whichever patches."""
+        self._trackers: list[Tracker] = []
         self.phase = min(1, int(scene.world.servos.ramp_steps) - 1)
         """Set-points move on this many steps after the beginning of each control period: a frame that is
         taken at its beginning is there then, so a target can answer it, and does not yet show the target."""
@@ -64,6 +71,53 @@ class Worlds(ABC):
     @abstractmethod
     def force(self) -> Array:
         """Normal force (N, taxels) [N] on each taxel in the latest frames."""
+
+    @property
+    @abstractmethod
+    def touched(self) -> NDArray[np.bool_]:
+        """True (N,) for each world with a contact in its latest frames."""
+
+    @abstractmethod
+    def _contacts_of(self, world: int) -> ContactArrays:
+        """Contacts of one world in its latest frames; writable, and the same until the next frame."""
+
+    @abstractmethod
+    def _active_of(self, world: int) -> tuple[NDArray[np.int64], NDArray[np.int32], Array]:
+        """Numbers of active taxels (p,) of each patch, these taxels, and the pressures [Pa] on them."""
+
+    @abstractmethod
+    def _latest(self) -> tuple[Array, NDArray[np.int64]]:
+        """Times (p,) [s] and sequence numbers (p,) of the latest frames, for all worlds; read-only."""
+
+    @abstractmethod
+    def _then(self, world: int) -> tuple[Array, Array]:
+        """Angles (n,) [rad] and speeds (n,) [rad/s] of all servos at the time of the latest frame."""
+
+    def track(self) -> None:
+        """From now on contacts have identities, which takes time in Python."""
+        self._trackers = [Tracker() for _ in range(self.count)]
+
+    def _follow(self) -> None:
+        """Gives the contacts of new frames their identities."""
+        for w in np.flatnonzero(self.touched).tolist() if self._trackers else ():
+            self._trackers[w].follow(self._contacts_of(w), self._latest()[0])
+
+    def contacts(self, world: int) -> Contacts:
+        """Contacts of one world in its latest frames, as a perceiver finds them; identified after `track`."""
+        made, sites = self._contacts_of(world), self.scene.body.layout.sites
+        return Contacts(sites, *self._latest(), made.rows.copy(), made.begin.copy(), made.taxels.copy())
+
+    def perceive(self, world: int) -> Perception:
+        """What a perceiver would say of one world at the time of the latest frame."""
+        (stamps, sequence), layout = self._latest(), self.scene.body.layout
+        time, (angles, velocity) = float(stamps.max(initial=0.0)), self._then(world)
+        joints = JointReading(time, self.frames, frozen(angles), frozen(velocity))
+        numbers, active, pressure = self._active_of(world)
+        begin = np.concatenate([[0], np.cumsum(numbers)])
+        skin = SkinState(layout.starts, stamps, sequence, frozen(begin), frozen(active), frozen(pressure))
+        return Perception(
+            time, self.scene.body.posture(joints), self.contacts(world), joints=joints, skin=skin
+        )
 
     @abstractmethod
     def reset(self, worlds: ArrayLike | None = None) -> None:

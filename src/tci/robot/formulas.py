@@ -32,3 +32,24 @@ def turned(
         c * y + s * (az * x - ax * z) + along * ay,
         c * z + s * (ax * y - ay * x) + along * az,
     )
+
+
+def segment_axes(
+    pitch: float, roll: float, yaw: float, elbow: float, side: float, segment: float
+) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """Axes x, y and z of a limb's segment (0 upper arm, 1 forearm) in the frame of the limb's mount, for the
+    first four generic angles [rad]: R_MS of `segment_rotation`, axial=False. `side` is +1 on the left; on the
+    right, y points to the other side."""
+    # Products of rotations about y, x, z and y.
+    c0, s0 = cos(pitch), -sin(pitch)
+    c1, s1 = cos(side * roll), sin(side * roll)
+    if segment == 0.0:
+        return c0, 0.0, -s0, s0 * s1, c1, c0 * s1, s0 * c1, -s1, c0 * c1
+    c, s = cos(side * yaw), -sin(side * yaw)
+    xx, xy, xz = c0 * c + s0 * s1 * s, c1 * s, c0 * s1 * s - s0 * c
+    d, e = cos(elbow), sin(elbow)
+    return (
+        xx * d + s0 * c1 * e, xy * d - s1 * e, xz * d + c0 * c1 * e,
+        s0 * s1 * c - c0 * s, c1 * c, c0 * s1 * c + s0 * s,
+        s0 * c1 * d - xx * e, -s1 * d - xy * e, c0 * c1 * d - xz * e,
+    )  # fmt: skip

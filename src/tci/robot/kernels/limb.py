@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 
 from tci.messages.frames import Array
+from tci.robot import formulas
 from tci.robot.description import GenericPart, Segment
 from tci.robot.generic_arm import SEGMENTS, side_sign
 from tci.support.compiled import inlined
+from tci.support.one_source import made_with
 
 Vector = tuple[float, float, float]
 Row = tuple[float, float, float, float]
-
+_axes = made_with(inlined, formulas).segment_axes
 
 LIMB = np.dtype(
     [
@@ -41,24 +43,10 @@ def limb_pose(T_TL: Array, T_TG: Array, limb: Any, posture: Array) -> tuple[Row,
     the LIMB of the segment. `posture` (4,) [rad] are the first
     four generic angles of the arm.
     """
-    side = limb.side
-    # R_MS of `segment_rotation`, axial=False, as products of rotations about y, x, z and y.
-    c0, s0 = np.cos(posture[0]), -np.sin(posture[0])
-    c1, s1 = np.cos(side * posture[1]), np.sin(side * posture[1])
-    x, y, z = (c0, 0.0, -s0), (s0 * s1, c1, c0 * s1), (s0 * c1, -s1, c0 * c1)
-    if limb.segment > 0.0:
-        c2, s2 = np.cos(side * posture[2]), -np.sin(side * posture[2])
-        c3, s3 = np.cos(posture[3]), -np.sin(posture[3])
-        x, y = _turned(x, y, c2, s2)
-        x, z = _turned(x, z, c3, -s3)
+    a, b, c, d, e, f, g, h, i = _axes(posture[0], posture[1], posture[2], posture[3], limb.side, limb.segment)
+    x, y, z = (a, b, c), (d, e, f), (g, h, i)
     p = _origin(T_TL, T_TG, limb, 0), _origin(T_TL, T_TG, limb, 1), _origin(T_TL, T_TG, limb, 2)
     return _row(T_TL, limb, x, p), _row(T_TL, limb, y, p), _row(T_TL, limb, z, p)
-
-
-@inlined
-def _turned(x: Vector, y: Vector, c: float, s: float) -> tuple[Vector, Vector]:
-    one = x[0] * c + y[0] * s, x[1] * c + y[1] * s, x[2] * c + y[2] * s
-    return one, (y[0] * c - x[0] * s, y[1] * c - x[1] * s, y[2] * c - x[2] * s)
 
 
 @inlined

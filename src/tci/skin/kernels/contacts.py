@@ -9,8 +9,8 @@ from numba import float64, from_dtype, int32, int64, void
 
 from tci.messages.frames import Array
 from tci.robot.kernels.limb import Row, limb_pose
-from tci.robot.limb import RHO
-from tci.skin.fill_factor import WIDTHS
+from tci.skin import formulas
+from tci.skin.formulas import LAST, LEAST_FILL
 from tci.skin.kernels.arrays import (
     ACTIVE,
     CLUSTERS,
@@ -27,6 +27,7 @@ from tci.skin.kernels.arrays import (
 )
 from tci.skin.kernels.nearest import nearest
 from tci.support.compiled import compiled, inlined, reads, returns, writes
+from tci.support.one_source import made_with
 
 SUMMARY = np.dtype(
     [
@@ -39,21 +40,9 @@ SUMMARY = np.dtype(
 """What is computed of a contact in the frame of its link, before the contacts of a patch are sorted: force,
 largest force on a taxel, area, place on the generic limb (u, theta, y, z), point on the surface and
 normal."""
-NARROW = 0.5
-"""Least width of a touch, in distances of neighbouring taxels, for the computation of the fill factor. A
-narrower touch presses too few taxels to measure the width, and this width is used instead. Assumed: on skins
-with distances of 6 to 10 mm between taxels, touches of 3 to 5 mm width then get about the right width."""
-SEPARATE = 1.5
-"""A touch counts as several places that are pressed, such as finger tips, if its second moment is more than
-this many times that of one place. Assumed: a spread of 20 % between the taxels' gains makes a palm's places
-look smaller by this factor; twice as much counts three finger tips as a palm."""
-LEAST_FILL = 0.15
-"""Least fill factor by which forces are divided. A smaller factor is replaced by this value. Assumed: on
-sparser skin the correction of the force would be unreliable."""
-MOST_HIDDEN = 0.5
-"""Largest fraction of a contact's force that is assumed to act at the edge of the touch, where the pressure
-is too small to be measured. Assumed: a larger correction would be unreliable."""
-_FIRST, _LAST = float(WIDTHS[0]), len(WIDTHS) - 1
+_f = made_with(inlined, formulas)
+_variance, _column, _force = _f.variance_of, _f.column_of, _f.force_of
+_place, _comes_first = _f.on_limb, _f.precedes
 _NONE, _ONE = np.uint64(0), np.uint64(1)
 """0 and 1 as unsigned integers. For unsigned indices, Numba omits the check for negative indices."""
 
@@ -179,19 +168,14 @@ def _on_limb(
     x_S = a[0] * x + a[1] * y + a[2] * z + a[3]
     y_S = side * (b[0] * x + b[1] * y + b[2] * z + b[3])
     z_S = c[0] * x + c[1] * y + c[2] * z + c[3]
-    r = np.sqrt(x_S * x_S + y_S * y_S)
-    if r == 0.0:
-        return -z_S / length, 0.0, RHO
-    return -z_S / length, RHO * y_S / r, RHO * x_S / r
+    place: tuple[float, float, float] = _place(x_S, y_S, z_S, length)
+    return place
 
 
 @inlined
-def _fill(taxels: Indices, forces: Array, room: Array, layout: LayoutArrays) -> float:
-    """Returns the fraction of a touch's force that the pressed taxels measure: the mean fill factor.
-
-    `forces` (k,) [N] are the forces on the pressed taxels `taxels` (k,). `room` (n,) is zero, before and
-    after. The result is at least 0.15 (`LEAST_FILL`).
-    """
+def _filled(taxels: Indices, forces: Array, room: Array, layout: LayoutArrays) -> float:
+    """Returns the sum over the pressed taxels `taxels` (k,) of the force [N] on each, in `forces` (k,), times
+    the fill factor around it. `room` (n,) is zero, before and after."""
     places, fill, graph = layout.taxels, layout.fill, layout.graph
     total, area, x, y, z, square = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(taxels)):
@@ -201,9 +185,6 @@ def _fill(taxels: Indices, forces: Array, room: Array, layout: LayoutArrays) -> 
         x, y, z = x + f * a, y + f * b, z + f * c
         square += f * (a * a + b * b + c * c)
         room[np.uint64(taxels[k])] = f / one.area
-    # The second moment is that of a whole touch, so several fingers on one cluster would count as a palm. The
-    # pressure of a Gaussian of width v has at a distance d the autocorrelation exp(-d^2 / 4 v^2), however
-    # many there are.
     own, beside, apart = 0.0, 0.0, 0.0
     for k in range(len(taxels)):
         i = np.uint64(taxels[k])
@@ -218,17 +199,13 @@ def _fill(taxels: Indices, forces: Array, room: Array, layout: LayoutArrays) -> 
     for k in range(len(taxels)):
         room[np.uint64(taxels[k])] = 0.0
     x, y, z = x / total, y / total, z / total
-    variance = (square / total - x * x - y * y - z * z) / 2.0
-    if 0.0 < beside < own:
-        variance = min(variance, SEPARATE * apart / own / (4.0 * np.log(own / beside)))
-    variance = max(variance, NARROW * NARROW * area / len(taxels))
-    column = min(max(np.log2(variance / _FIRST**2) / 2.0, 0.0), float(_LAST))
-    low = np.uint64(min(int(column), _LAST - 1))
-    part, result = column - low, 0.0
+    column = _column(_variance(total, square, x, y, z, own, beside, apart), area, float(len(taxels)))
+    low = np.uint64(min(int(column), int(LAST) - 1))
+    part, filled = column - low, 0.0
     for k in range(len(taxels)):
         i = np.uint64(taxels[k])
-        result += forces[k] * (fill[i, low] + part * (fill[i, low + _ONE] - fill[i, low]))
-    return max(result / total, LEAST_FILL)
+        filled += forces[k] * (fill[i, low] + part * (fill[i, low + _ONE] - fill[i, low]))
+    return filled
 
 
 @compiled(float64(reads(1, int32), reads(1), writes(1), LAYOUT), seldom=True)
@@ -238,7 +215,7 @@ def fill_around(taxels: Indices, forces: Array, room: Array, layout: LayoutArray
     `taxels` are indices within the whole skin, and `forces` (k,) the forces on these taxels, in any unit.
     `room` (n,) is zero for all taxels of the skin.
     """
-    return _fill(taxels, forces, room, layout)
+    return max(_filled(taxels, forces, room, layout) / forces.sum(), LEAST_FILL)
 
 
 @inlined
@@ -262,25 +239,14 @@ def _summarise(
         mean_z += f * taxel.position[2]
     mean = mean_x / total, mean_y / total, mean_z / total
     begin, end = clusters.bound[c], clusters.bound[c + 1]
-    fill = _fill(clusters.member[begin:end], clusters.member_force[begin:end], clusters.force, layout)
-    row.force = total / (fill * (1.0 - min(edge / pressure, MOST_HIDDEN)))
+    filled = _filled(clusters.member[begin:end], clusters.member_force[begin:end], clusters.force, layout)
+    row.force = _force(total, filled, edge, pressure)
     row.peak, row.area = peak, area
     nearest(mean, p, layout, row.point, row.normal)
     x, y, z = row.point[0], row.point[1], row.point[2]
     limb = layout.patches[p].limb
     u, y_L, z_L = _on_limb(T_SL, x, y, z, limb.length, limb.side)
     row.u, row.theta, row.y, row.z = u, np.arctan2(y_L, z_L), y_L, z_L
-
-
-@inlined
-def _precedes(one: Records, other: Records) -> bool:
-    """Returns True if contact `one` is stronger than contact `other`, or equally strong and nearer to the
-    proximal end of the limb."""
-    if one.force != other.force:
-        return bool(one.force > other.force)
-    if one.u != other.u:
-        return bool(one.u < other.u)
-    return bool(one.theta < other.theta)
 
 
 @inlined
@@ -347,7 +313,11 @@ def describe_clusters(
         for found in range(first, c):
             _summarise(found, p, T_SL, hidden, layout, clusters, summary[found])
             k = found
-            while k > first and _precedes(summary[found], summary[order[k - 1]]):
+            own = summary[found]
+            while k > first:
+                other = summary[order[k - 1]]
+                if not _comes_first(own.force, own.u, own.theta, other.force, other.u, other.theta):
+                    break
                 order[k] = order[k - 1]
                 k -= 1
             order[k] = found

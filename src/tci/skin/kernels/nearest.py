@@ -6,8 +6,12 @@ import numpy as np
 
 from tci.messages.frames import Array
 from tci.robot.kernels.limb import Vector
+from tci.skin import formulas
 from tci.skin.kernels.arrays import LayoutArrays, Records
 from tci.support.compiled import inlined
+from tci.support.one_source import made_with
+
+_corner_weights = made_with(inlined, formulas).corner_weights
 
 
 @inlined
@@ -87,36 +91,6 @@ def _closer(point: Vector, a: Records, b: Records, c: Records, best: float, p_L:
         p_L[i] = rest * p[i] + s * q[i] + t * r[i]
         n_L[i] = rest * a.normal[i] + s * b.normal[i] + t * c.normal[i]
     return distance2
-
-
-@inlined
-def _corner_weights(uu: float, uv: float, vv: float, wu: float, wv: float) -> tuple[float, float]:
-    """Returns the weights of the second and the third corner for the point of a triangle that is nearest to a
-    given point (Ericson 2004, 5.1.5).
-
-    The arguments are dot products of three vectors from the first corner: u to the second corner, v to the
-    third corner, and w to the given point.
-    """
-    if wu <= 0.0 and wv <= 0.0:
-        return 0.0, 0.0
-    bu, bv = wu - uu, wv - uv
-    if bu >= 0.0 and bv <= bu:
-        return 1.0, 0.0
-    vc = wu * bv - bu * wv
-    if vc <= 0.0 and wu >= 0.0 and bu <= 0.0:
-        return wu / uu, 0.0
-    cu, cv = wu - uv, wv - vv
-    if cv >= 0.0 and cu <= cv:
-        return 0.0, 1.0
-    vb = cu * wv - wu * cv
-    if vb <= 0.0 and wv >= 0.0 and cv <= 0.0:
-        return 0.0, wv / vv
-    va = bu * cv - cu * bv
-    if va <= 0.0 and bv - bu >= 0.0 and cu - cv >= 0.0:
-        share = (bv - bu) / ((bv - bu) + (cu - cv))
-        return 1.0 - share, share
-    total = va + vb + vc
-    return vb / total, vc / total
 
 
 @inlined

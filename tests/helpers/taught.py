@@ -37,6 +37,9 @@ MEASURED = 0.3
 """Time [s] after the first contact from which on forces count."""
 GUIDES = 1.1
 """Time [s] for which a hand pushes."""
+BACK = 6.0
+"""Time [s] for the way back, as long as `Teach` has patience: the hand goes at 0.15 m/s, and an arm of 0.7 m
+that was pushed near its shoulder needs more than 4 s. With 3 s it was judged in the middle of its motion."""
 RADIUS = 0.012
 ON_LINK = 0.02
 """Distance [m] of a taxel from its link's surface up to which the plant feels there."""
@@ -281,7 +284,7 @@ def guide(
         after = hand.first + hand.lasts + 0.6
         tap.times = (after,) if other != part else (after, after + 0.3)
 
-    lasts = 0.6 + GUIDES + 0.2 + ((0.6 + 0.7 + 3.0 + GUIDES + 0.5) if repeat else 0.0)
+    lasts = 0.6 + GUIDES + 0.2 + ((0.6 + 0.7 + BACK + GUIDES + 0.5) if repeat else 0.0)
     result = run(RigidDriver(plant), capability or tci.Teach(), duration=lasts, observe=see)
     if hand.first is None or hand.elsewhere:
         return None

@@ -46,16 +46,17 @@ PAN, LIFT, ELBOW = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)
 
 def made(
     folder: Path, *, turns: bool, lift: tuple[float, float, float] = LIFT, hangs: bool = False,
-    bent: float = 0.0,
+    bent: float = 0.0, hand: float = 0.1,
 ) -> Path:  # fmt: skip
     """An arm that stands upright at zero, or hangs from its base; with `turns`, its upper arm turns about its
-    length. Its elbow is `bent` [m] beside the tube of the upper arm, as in arms of the shape of an L."""
+    length. Its elbow is `bent` [m] beside the tube of the upper arm, as in arms of the shape of an L. Its
+    last tube is `hand` [m] long."""
     pan, height = ("3.14159265358979 0 0", -0.1) if hangs else ("0 0 0", 0.1)
     joints = [("pan", "base", f"0 0 {height}", PAN), ("lift", "pan", "0 0 0.05", lift)]
     joints += [("turn", "lift", "0 0 0.1", (0.0, 0.0, 1.0))] if turns else []
     joints.append(("elbow", joints[-1][0], f"{bent} 0 {UPPER - 0.1 * turns}", ELBOW))
     joints.append(("wrist", "elbow", f"0 0 {FORE}", ELBOW))
-    size = {"lift": UPPER, "turn": UPPER - 0.1, "elbow": FORE, "wrist": 0.1}
+    size = {"lift": UPPER, "turn": UPPER - 0.1, "elbow": FORE, "wrist": hand}
     text = "<robot name='arm'><link name='base'/>"
     for name, parent, xyz, axis in joints:
         long = size.get(name, 0.05)
@@ -99,6 +100,19 @@ def test_pitch_turns_the_arm_and_roll_lifts_it(side: Side, mount: Mount, turns: 
         np.testing.assert_allclose(there, UPPER * upper + FORE * fore, atol=1e-9)
     lacks = [one.name for one in robot.part(f"{side}_arm").servos if one.servo is None]
     assert lacks == [*([] if turns else ["shoulder_yaw"]), "elbow_yaw"]
+
+
+@pytest.mark.parametrize("mount", get_args(Mount))
+def test_an_arm_begins_where_it_can_withdraw_from_its_table(mount: Mount, tmp_path: Path) -> None:
+    """The table is 0.15 m below the shoulder, and the last tube is 0.3 m long, with a radius of 30 mm: raised
+    by 45 degrees with its elbow at 75 it would hit it by a withdrawal of 15 degrees."""
+    robot = propose(made(tmp_path, turns=False, hand=0.3), name="arm", mount=mount)
+    begun = robot.part("left_arm").initial_posture
+    assert begun[1] < np.deg2rad(61.0), "the pan moves it aside"
+    for roll, elbow in np.deg2rad([[0, 0], [-15, 0], [15, 0], [0, -15], [0, 15]]):
+        lift, fore = begun[1] + roll, begun[1] + roll - begun[3] - elbow
+        tip = 0.15 + UPPER * np.sin(lift) + (FORE + 0.3) * np.sin(fore) - 0.03 * np.cos(fore)
+        assert tip > 0.005
 
 
 def test_what_is_proposed_can_be_simulated_and_proved(tmp_path: Path) -> None:
@@ -178,7 +192,7 @@ def test_a_lift_that_is_not_square_is_refused_with_what_is_valid(tmp_path: Path)
     with pytest.raises(DescriptionError, match=r"no single arm that a pan turns.*lift is square to its pan"):
         propose(slanted, name="arm")
     turned = made(tmp_path, turns=True, lift=(0.0, 0.99, 0.141067))
-    with pytest.raises(DescriptionError, match="lift: carry what bends as an arm at turn does"):
+    with pytest.raises(DescriptionError, match="at turn is carried by lift, not parallel"):
         propose(turned, name="arm")
 
 
@@ -214,5 +228,34 @@ def test_two_arms_of_other_shoulders_are_refused_with_advice_that_works(tmp_path
     moved = [robot.servos[one.servo].joint for one in arm.servos if one.servo is not None]
     assert moved == ["right_pan", "right_lift", "right_elbow"]
     assert robot.model.stands_on is None
-    with pytest.raises(DescriptionError, match=r"carried by left_roll and right_roll.*valid: a robot"):
-        propose(pair(tmp_path, carried=True), name="arms")
+    path = pair(tmp_path, carried=True)
+    order = r"left_roll, left_pan, left_lift and right_roll, right_pan, right_lift: neither.*valid: a robot"
+    with pytest.raises(DescriptionError, match=order):
+        propose(path, name="arms")
+    with pytest.raises(DescriptionError, match="at left_pan is carried by left_roll, not parallel"):
+        propose(path, name="arms", arms=("left_pan",))
+
+
+def test_one_of_two_arms_that_lean_on_a_waist_is_taken(tmp_path: Path) -> None:
+    """As Nextage's: its waist turns about the vertical, and its pans lean to the sides by 15 degrees."""
+    path = pair(tmp_path, carried=False)
+    text = path.read_text()
+    for y, lean in ((0.4, -0.2618), (-0.4, 0.2618)):
+        text = text.replace(
+            f"<origin xyz='0 {y} 0.1' rpy='0 0 0'/>", f"<origin xyz='0 {y} 0.1' rpy='{lean} 0 0'/>"
+        )
+    waist = (
+        "<link name='floor'/><joint name='waist' type='revolute'><parent link='floor'/><child link='base'/>"
+        "<axis xyz='0 0 1'/><limit lower='-2' upper='2' effort='60' velocity='2'/></joint></robot>"
+    )
+    inertia = "<inertia ixx='0.1' iyy='0.1' izz='0.1' ixy='0' ixz='0' iyz='0'/>"
+    text = text.replace(
+        "<link name='base'/>", f"<link name='base'><inertial><mass value='5'/>{inertia}</inertial></link>"
+    )
+    path.write_text(text.replace("</robot>", waist))
+    robot = propose(path, name="arms", arms=("left_pan",))
+    (arm,) = (part for part in robot.parts if part.kind == "arm")
+    moved = [robot.servos[one.servo].joint for one in arm.servos if one.servo is not None]
+    assert moved == ["left_pan", "left_lift", "left_elbow"]
+    assert robot.model.torso_link == "base"
+    assert not judge(robot).faults

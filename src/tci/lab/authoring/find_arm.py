@@ -16,7 +16,7 @@ from tci.errors import DescriptionError, Fault
 from tci.lab.authoring.find_limbs import FoundLimbs, extent_of, median_chain
 from tci.lab.authoring.joint_tree import Joint, ancestors, carried, read_joints
 from tci.lab.authoring.limb import LEVEL, NOWHERE, Limb, limb_at, second_segment, two_joint_limb_at
-from tci.lab.authoring.limb_kind import is_named_as
+from tci.lab.authoring.limb_kind import is_named_as, named_as
 from tci.lab.authoring.link_points import LinkPoints
 from tci.lab.authoring.sleeves import COVER
 from tci.messages.frames import Array
@@ -122,15 +122,7 @@ def _mounted(
 
 def _only(model: Model, joints: Sequence[Joint], first: str | None) -> Limb:
     """The arm of a model, of which no other arm is a part."""
-    found = []
-    for bend in range(len(joints)):
-        limb = limb_at(joints, bend)
-        if limb is None or abs(joints[limb.ball[0]].axis @ joints[limb.ball[1]].axis) > SLANT:
-            limb = two_joint_limb_at(joints, bend)
-        if limb is not None:
-            found.append(limb)
-    bends = {limb.bend for limb in found}
-    arms = [limb for limb in found if not bends & set(ancestors(joints, limb.bend)[1:])]
+    arms = _limbs(joints)
     names = [joints[limb.ball[0]].name for limb in arms]
     if first is not None:
         arms = [limb for limb, name in zip(arms, names, strict=True) if name == first]
@@ -138,10 +130,10 @@ def _only(model: Model, joints: Sequence[Joint], first: str | None) -> Limb:
         return arms[0]
     if first is not None:
         message = f"no arm starts at the joint {first}; valid: {' or '.join(names) or 'none in this model'}"
-    elif len(names) == 2 and (others := [_carriers(joints, limb) for limb in arms]) and all(others):
+    elif len(shoulders := _shoulders(joints)) == 2:
         message = (
-            f"two limbs, at {' and '.join(names)}, carried by {' and '.join(others)}: neither a shoulder of "
-            "three joints of which the last turns the upper arm about its length, nor a pan and a lift; "
+            f"two arms whose shoulders turn in another order, {' and '.join(shoulders)}: neither a shoulder "
+            "of three joints of which the last turns the upper arm about its length, nor a pan and a lift; "
             "valid: a robot with one of these shoulders (no option changes the order of its joints)"
         )
     elif len(names) == 2:
@@ -165,6 +157,34 @@ def _only(model: Model, joints: Sequence[Joint], first: str | None) -> Limb:
     raise DescriptionError(model.path, [Fault(0, message)])
 
 
+def _limbs(joints: Sequence[Joint]) -> list[Limb]:
+    """What bends as an arm, and is no part of another arm."""
+    found = []
+    for bend in range(len(joints)):
+        limb = limb_at(joints, bend)
+        if limb is None or abs(joints[limb.ball[0]].axis @ joints[limb.ball[1]].axis) > SLANT:
+            limb = two_joint_limb_at(joints, bend)
+        if limb is not None:
+            found.append(limb)
+    bends = {limb.bend for limb in found}
+    return [limb for limb in found if not bends & set(ancestors(joints, limb.bend)[1:])]
+
+
+def _shoulders(joints: Sequence[Joint]) -> list[str]:
+    """The joints of each shoulder that has others before what bends as a pan, a lift and an elbow. Joints
+    that carry both arms are no shoulder's."""
+    limbs = [limb for bend in range(len(joints)) if (limb := two_joint_limb_at(joints, bend)) is not None]
+    limbs = [limb for limb in limbs if named_as(joints, {"left": limb}) != "leg"]
+    lines = [ancestors(joints, limb.ball[0]) for limb in limbs]
+    found = []
+    for limb, line in zip(limbs, lines, strict=True):
+        shared = {joint for other in lines if other is not line for joint in other}
+        own = [joint for joint in line[::-1] if joint not in shared]
+        if len(own) > 1:
+            found.append(", ".join(joints[joint].name for joint in (*own, limb.ball[1])))
+    return found
+
+
 def _jaws(model: Model, joints: Sequence[Joint]) -> str:
     """The joints of a model in which no three turning joints follow each other; empty for others."""
     if any(len(ancestors(joints, one)) > 2 for one in range(len(joints))):
@@ -178,17 +198,25 @@ def _check_carriers(model: Model, joints: Sequence[Joint], limb: Limb) -> None:
     another one."""
     if others := _carriers(joints, limb):
         message = (
-            f"{others}: carry what bends as an arm at {joints[limb.ball[0]].name} does, and are not "
-            "parallel to that joint; valid: an arm whose first joint is its pan, and whose second, square to "
-            "the first, is its lift"
+            f"what bends as an arm at {joints[limb.ball[0]].name} is carried by {others}, not parallel to "
+            "that joint; valid: an arm whose first joint is its pan, and whose second, square to the first, "
+            "is its lift"
         )
         raise DescriptionError(model.path, [Fault(0, message)])
 
 
 def _carriers(joints: Sequence[Joint], limb: Limb) -> str:
-    """Names of the joints that carry an arm and are not parallel to its pan."""
+    """Names of the joints that carry an arm and are not parallel to its pan. Those that carry a second arm
+    are a waist's."""
     pan, *carriers = ancestors(joints, limb.ball[0])
-    others = [joints[one].name for one in carriers if abs(joints[one].axis @ joints[pan].axis) < LEVEL]
+    waist = {
+        one for other in _limbs(joints) if other.ball[0] != pan for one in ancestors(joints, other.ball[0])
+    }
+    others = [
+        joints[one].name
+        for one in carriers
+        if one not in waist and abs(joints[one].axis @ joints[pan].axis) < LEVEL
+    ]
     return ", ".join(others[::-1])
 
 

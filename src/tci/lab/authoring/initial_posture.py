@@ -9,7 +9,7 @@ import numpy as np
 
 from tci.errors import DescriptionError, Fault
 from tci.messages.frames import Array
-from tci.robot.collisions import NEAR, nearby, solid_spec
+from tci.robot.collisions import MOST, NEAR, nearby, solid_spec
 from tci.robot.description import GenericPart, Robot
 from tci.robot.joint_map import JointMap, initial_position, joint_map
 from tci.robot.model_file import compiled
@@ -18,12 +18,16 @@ POSTURES = np.deg2rad([[25, 25, 0, 60, 0], [25, 25, 0, 75, 0], [35, 30, 0, 60, 0
                        [40, 20, 10, 70, 0], [25, 15, -15, 50, 0], [15, 15, 0, 45, 0], [30, 45, 0, 75, 0],
                        [45, 45, 0, 60, 0], [30, 60, 0, 90, 0], [30, 45, 30, 75, 0]])  # fmt: skip
 """Candidates for the initial posture [rad]; the first posture that fits is used. All values are assumed."""
-ALONE = np.deg2rad([[0, 60, 0, 90, 0], [0, 50, 0, 75, 0], [0, 60, 0, 105, 0], [0, 70, 0, 110, 0],
-                    [0, 45, 0, 60, 0], [0, 75, 0, 120, 0], [0, 40, 0, 90, 0], [0, 30, 0, 60, 0],
-                    [30, 60, 0, 90, 0], [0, 100, 0, 100, 0], [0, 110, 0, 130, 0],
-                    [0, 20, 0, 40, 0]])  # fmt: skip
-"""Candidates for an arm that stands alone, as `POSTURES`: raised, with its forearm forward. The yaw is +-90
-degrees, as far as the arm can choose it."""
+ALONE = np.deg2rad([[0, 45, 0, 75, 0], [0, 45, 0, 60, 0], [0, 45, 0, 45, 0], [0, 60, 0, 75, 0],
+                    [0, 60, 0, 60, 0], [0, 60, 0, 90, 0], [0, 60, 0, 105, 0], [0, 70, 0, 110, 0],
+                    [0, 75, 0, 120, 0], [0, 30, 0, 60, 0], [30, 60, 0, 90, 0], [0, 100, 0, 100, 0],
+                    [0, 110, 0, 130, 0], [0, 20, 0, 40, 0]])  # fmt: skip
+"""Candidates for an arm that stands alone, as `POSTURES`: raised, with its forearm forward. The less raised
+ones come first, since the pan takes an upper arm aside by the cosine of its lift. The yaw is +-90 degrees, as
+far as the arm can choose it."""
+WITHDRAWS = np.deg2rad([15.0, 15.0, 0.0, 15.0, 0.0])
+"""How far [rad] the withdrawal reflex turns each joint of an arm that moves its skin, of those that all such
+arms have."""
 ROOM = 0.1
 """Distance [rad] from the joint limits that is sufficient for an initial posture."""
 TURNED = float(np.deg2rad(120.0))
@@ -120,6 +124,38 @@ def clear_of_body(draft: Robot, arms: Sequence[GenericPart]) -> list[GenericPart
         for _, near in found
     ]
     return found[int(np.argmin(costs))][0]
+
+
+def clear_to_withdraw(draft: Robot, arm: GenericPart) -> GenericPart:
+    """Returns an arm that stands alone in the first posture from which no joint that withdraws brings links
+    near each other or near what carries the arm; if there is none, in that in which they come least near.
+
+    Links that are near each other after nearly all withdrawals are near by construction. Jaws are as in the
+    model's zero.
+    """
+    robot = draft.model_copy(update={"parts": (arm,), "digest": "clear to withdraw"})
+    assert robot.model is not None
+    model = compiled(solid_spec(robot, mimics=False), robot.model)
+    joints, (lower, upper) = joint_map(robot, arm.name), _limits(draft, joint_map(robot, arm.name))
+    found: list[tuple[Array, list[dict[tuple[int, int], float]]]] = []
+    for posture in candidates(arm):
+        if _room(draft, joints, posture) < ROOM:
+            continue
+        after = []
+        for way in np.vstack([np.zeros(len(posture)), *(sign * np.diag(WITHDRAWS) for sign in (-1.0, 1.0))]):
+            there, position = posture + way, np.zeros(len(draft.servos))
+            position[joints.servos] = np.clip(joints.to_robot(there, position), lower, upper)
+            after.append(nearby(model, robot, position, within=NEAR))
+        found.append((posture, after))
+    if not found:
+        return arm
+    ends = [near for _, after in found for near in after]
+    counts = Counter(pair for near in ends for pair in near)
+    built = {pair for pair, count in counts.items() if count >= MOST * len(ends)}
+    costs = [
+        max(sum(NEAR - near[pair] for pair in near.keys() - built) for near in after) for _, after in found
+    ]
+    return _placed(arm, found[int(np.argmin(costs))][0])
 
 
 def _room(draft: Robot, joints: JointMap, posture: Array, *, turned: float = TURNED) -> float:

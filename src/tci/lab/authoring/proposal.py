@@ -19,7 +19,7 @@ from tci.lab.authoring.find_jaws import Gripper, find_gripper, lone_gripper
 from tci.lab.authoring.find_limbs import FoundLimbs, NoPairError, find_limbs
 from tci.lab.authoring.find_pads import Pad
 from tci.lab.authoring.hand_skin import hand_skin
-from tci.lab.authoring.initial_posture import check_reach, clear_of_body
+from tci.lab.authoring.initial_posture import check_reach, clear_of_body, clear_to_withdraw
 from tci.lab.authoring.joint_facts import (
     FINGER_TORQUE,
     SLOWEST,
@@ -110,7 +110,10 @@ def propose(
         check_reach(draft, made)
         if cover or (cover is None and not pads):
             patches += sleeves(body, limb, made, points)
-    parts = clear_of_body(draft, parts) if parts else []
+    if body.is_humanoid:
+        parts = clear_of_body(draft, parts)
+    elif body.arms:
+        parts = [clear_to_withdraw(draft, parts[0])]
     if body.is_humanoid or body.head:
         parts.append(middle(body, "head", body.head, index))
     if body.is_humanoid:

@@ -183,6 +183,23 @@ def test_while_a_commanders_own_gate_holds_the_robot_holds(robot: Robot) -> None
     assert not robot.tick().reason
 
 
+def test_orders_that_a_commanders_hold_overtakes_are_gone_and_not_refused(robot: Robot) -> None:
+    """It has dropped them itself: refused, they would make its gate hold once more."""
+    robot.say(1, aim(2))
+    robot.say(2, aim(4))
+    robot.tick()
+    robot.say(1, aim(2, value=0.2), first=2)
+    robot.say(2, aim(4, value=0.2), first=2)
+    robot.say(1, first=3, halt=Reason(Code.PERIODS_MISSED, "its loop missed 3 periods"))
+    sent = robot.tick()
+    assert "missed 3" in str(sent.reason)
+    assert [order.servos.tolist() for order, _ in sent.refused] == [[4]], "the other's order is"
+    robot.say(1, first=3)
+    robot.say(1, aim(2, value=0.2), first=3)
+    assert [order.servos.tolist() for order in robot.tick().orders] == [[2]]
+    assert [one.refused for one in robot.commanders.states()] == [0, 2]
+
+
 def test_what_the_gate_refuses_is_told_to_its_sender_alone(robot: Robot) -> None:
     robot.say(1, aim(2), aim(3, value=float("nan")), aim(4))
     robot.say(2, PlatformSwitch(np.array([999]), Mode.TORQUE), aim(6))

@@ -84,6 +84,9 @@ class Commanders:
         if member is None:
             member = self._members[message.client] = _Member(message.name, now)
         member.last_message, member.sequence, member.halt = now, message.sequence, message.halt
+        if message.halt:  # it has dropped the orders that are still on their way: they are not refused
+            kept = [one for one in self._waiting if one[0] != message.client]
+            self._waiting = deque(kept, self._waiting.maxlen)
         for number, order in enumerate(message.orders, start=message.first):
             if number > member.acknowledged:
                 member.acknowledged = number

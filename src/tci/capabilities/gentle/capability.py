@@ -4,7 +4,8 @@ Admittance per contact (Hogan 1985): into what touches it, a point of the skin m
 (cap - force) / D, so it goes away above the cap and on below. D = 2 k T keeps the loop stable, with the delay
 T of skin, bus and servo; k is the stiffness of the one who is met, learnt from how force rises with the arm's
 own way while the arm is not slower than before, and lowered while the force does not fall although the arm
-goes away: then the other one moves.
+goes away: then the other one moves. A force that rises by more than the arm was told to make of it tells the
+same at once; from then on what changes with time by itself is not taken for stiffness.
 """
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ from tci.messages.frames import Array, read_only
 SOFT, STIFF = 4e2, 75e3
 """Stiffness [N/m] of people: of a hand that follows, so that it feels 40 N s/m, with which arms of 20 to
 43 ms are calm on its pad, and of a hand that is clamped (ISO/TS 15066)."""
+BODY = 10e3
+"""Stiffness [N/m] of the softest part of a person who stands, the abdomen."""
 HAND = 2e3
 """Stiffness [N/m] of a hand that comes, before more is known of it: that of a firm pad. If it is stiffer, the
 arm goes away too far, and feels that."""
@@ -82,8 +85,17 @@ class Partner:
     """How far the arm has gone into it [m]."""
     coming: float
     """Speed [m/s] with which it comes nearer by itself."""
-    frames: tuple[tuple[float, float, float], ...]
-    """Time [s], force [N] and way [m] of the last frames."""
+    comes: bool
+    """It came nearer when the arm did not: somebody moves."""
+    told: float
+    """How far the arm was told to go into it [m]; ways away don't count."""
+    frames: tuple[tuple[float, float, float, float], ...]
+    """Time [s], force [N], way [m] and what it was told [m] of the last frames."""
+
+    def rises(self, delay: float) -> float:
+        """By how much the force has grown within the delay [N]."""
+        times, forces = np.array(self.frames)[:, :2].T
+        return float(forces[-1] - np.interp(times[-1] - delay, times, forces))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,6 +109,8 @@ class GentleMemory(Generic[Memory]):
     """Where the capability wants each arm."""
     met: Mapping[str, Partner] = field(default_factory=dict)
     """Whom each arm met, by its name."""
+    rates: Mapping[str, Array] = field(default_factory=dict)
+    """Speeds (n,) [rad/s] that each arm was told last."""
     said: tuple[str, ...] = ()
 
 
@@ -164,19 +178,23 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
                     f"gentle: {order.part} is commanded in another way than by positions; valid: position"
                 )
         elapsed = max(perception.stamp - memory.stamp, 0.0) if memory.stamp == memory.stamp else 0.0
-        met, said = dict(memory.met), []
+        met, rates, said = dict(memory.met), dict(memory.rates), []
         for part, target in targets.items():
             own = [one for one in perception.contacts if one.part == part]
-            after = self._meet(met.get(part), own, part, elapsed, perception, body)
+            after = self._meet(met.get(part), own, part, rates.get(part), elapsed, perception, body)
             if after is not None:
                 met[part] = after
-            orders += self._move(part, target, own, after, perception, body)
+            move, expect = self._move(part, target, own, after, perception, body)
+            orders += [move, expect]
+            rates[part] = move.values
             pressed = max((one.force for one in own), default=0.0)
             if pressed > 0.5 * self.cap:
                 said.append(
                     f"{part} gives way: {pressed:.0f} N are on it, and it presses with {self.cap:g} N"
                 )
-        memory = replace(memory, stamp=perception.stamp, targets=targets, met=met, said=tuple(said))
+        memory = replace(
+            memory, stamp=perception.stamp, targets=targets, met=met, rates=rates, said=tuple(said)
+        )
         return tuple(orders), memory
 
     def claims(self, memory: GentleMemory[Memory]) -> frozenset[str]:
@@ -187,8 +205,8 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
         return (*super().notes(memory), *memory.said)
 
     def _meet(
-        self, met: Partner | None, own: list[Contact], part: str, elapsed: float, perception: Perception,
-        body: GenericBody,
+        self, met: Partner | None, own: list[Contact], part: str, rates: Array | None, elapsed: float,
+        perception: Perception, body: GenericBody,
     ) -> Partner | None:  # fmt: skip
         """What is known of whom the arm meets, after this instant."""
         now = perception.stamp
@@ -196,43 +214,47 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
             return met
         force = np.array([one.force for one in own])
         pushes = np.array([body.jacobian(perception, one).T @ one.n_T for one in own])
-        rate = float(force @ pushes @ body.rate(perception, part)) / float(force.sum())
+        into = force @ pushes / float(force.sum())
+        rate = float(into @ body.rate(perception, part))
         if met is None or now - met.felt > LEARNT:
-            met = Partner(0.0, now, np.inf, -1, 0.0, 0.0, ())
+            met = Partner(0.0, now, np.inf, -1, 0.0, 0.0, False, 0.0, ())
         way, frames = met.way + rate * elapsed, met.frames
+        told_way = met.told + (0.0 if rates is None else max(float(into @ rates), 0.0) * elapsed)
         if now - met.felt > self.delay:
             frames = ()
         sequence = max(one.sequence for one in own)
         if sequence == met.sequence:
-            return replace(met, felt=now, way=way)
+            return replace(met, felt=now, way=way, told=told_way)
         total = float(force.sum())
         if not frames:  # it touched since the frame before; who was stiff may be a hand that comes
-            met = replace(met, stiffness=met.stiffness if met.stiffness <= HAND else 0.0)
-            frames = ((now - 0.01, 0.0, way - max(rate, 1e-3) * 0.01),)
-        frames = (*(one for one in frames if now - one[0] <= WINDOW), (now, total, way))
+            known = min(met.stiffness, HAND) if met.comes else met.stiffness
+            met = replace(met, stiffness=known if known <= HAND else 0.0)
+            frames = ((now - 0.01, 0.0, way - max(rate, 1e-3) * 0.01, told_way),)
+        frames = (*(one for one in frames if now - one[0] <= WINDOW), (now, total, way, told_way))
         over = min(met.over, now) if total > self.cap else np.inf
         table = np.array(frames)
-        rises, ways = table[-1, 1] - table[:-1, 1], table[-1, 2] - table[:-1, 2]
-        # a stiff one stops the arm, but so does a soft one who comes: what a slower arm feels tells neither
-        pace = np.abs(np.diff(table[:, 2]) / np.maximum(np.diff(table[:, 0]), 1e-6)).max(initial=0.0)
-        told = np.abs(ways) > np.maximum(LEAST_WAY, 0.5 * pace * (now - table[:-1, 0]))
-        told &= now - table[0, 0] >= 2.0 * self.delay  # before, the arm is still coming to rest
-        stiffness = max(met.stiffness, float((rises[told] / ways[told]).max(initial=0.0)))
+        stiffness = met.stiffness
+        if now - table[0, 0] >= 2.0 * self.delay:  # before, the arm is still coming to rest
+            stiffness = max(stiffness, _followed(table) if met.comes else _pressed(table))
         before = table[table[:, 0] <= now - self.delay]
         if len(before) and before[-1, 2] - way > LEAST_WAY and total > before[-1, 1] + FOLLOWS:
             stiffness = 0.5 * met.stiffness
         elif len(before) and now - over > STUBBORN and total > 0.9 * before[-1, 1]:
-            stiffness *= 0.8
+            stiffness = max(0.8 * stiffness, min(stiffness, BODY))
         if met.stiffness == 0.0:
             stiffness = _first_guess(table, self.delay)
+        comes = _comes(table, self.delay)
+        if comes:
+            stiffness = min(stiffness, HAND)
         stiffness = float(np.clip(stiffness, SOFT, STIFF)) if stiffness else 0.0
         recent = table[now - table[:, 0] <= HASTE]
-        return Partner(stiffness, now, over, sequence, way, _coming(recent, stiffness or STIFF), frames)
+        coming = _coming(recent, stiffness or STIFF)
+        return Partner(stiffness, now, over, sequence, way, coming, comes or met.comes, told_way, frames)
 
     def _move(
         self, part: str, target: GenericCommand, own: list[Contact], met: Partner | None,
         perception: Perception, body: GenericBody,
-    ) -> tuple[Order, ...]:  # fmt: skip
+    ) -> tuple[GenericCommand, ExpectContact]:  # fmt: skip
         """Towards the target as far as the cap permits, or away."""
         known = met is not None and perception.stamp - met.felt < LEARNT
         speed, damping = self.speed, np.inf
@@ -246,7 +268,9 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
         if own:
             coming = met.coming if met is not None else 0.0
             most = [(self.cap - one.force) / damping - coming for one in own]
-            if met is not None and met.stiffness == 0.0:  # it stands, so what rises is not of its making
+            stiff = met is not None and met.stiffness > HAND and met.rises(self.delay) > FOLLOWS
+            if stiff or (met is not None and met.stiffness == 0.0):
+                # it stands, so what rises is not of its making
                 most = [min(one, 0.0) for one in most]
             want = body.yield_to(perception, own, want, most)
         return (
@@ -256,7 +280,7 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
 
 
 def _first_guess(frames: Array, delay: float) -> float:
-    """Stiffness [N/m] after two delays of first frames (n, 3), in which the arm comes to rest; 0 before.
+    """Stiffness [N/m] after two delays of first frames (n, 4), in which the arm comes to rest; 0 before.
 
     A force that goes on to rise, no slower than while the arm came to rest, is that of a hand that comes.
     """
@@ -267,9 +291,45 @@ def _first_guess(frames: Array, delay: float) -> float:
     return HAND if third - second > max(FOLLOWS, STOPS * (second - first)) else STIFF
 
 
+def _pressed(frames: Array) -> float:
+    """Stiffness [N/m] of somebody who stands, from how the force of frames (n, 4) rose with the arm's way; 0
+    where that way says nothing."""
+    rises, ways = frames[-1, 1] - frames[:-1, 1], frames[-1, 2] - frames[:-1, 2]
+    # a stiff one stops the arm, but so does a soft one who comes: what a slower arm feels tells neither
+    pace = np.abs(np.diff(frames[:, 2]) / np.maximum(np.diff(frames[:, 0]), 1e-6)).max(initial=0.0)
+    told = np.abs(ways) > np.maximum(LEAST_WAY, 0.5 * pace * (frames[-1, 0] - frames[:-1, 0]))
+    return float((rises[told] / ways[told]).max(initial=0.0))
+
+
+def _followed(frames: Array) -> float:
+    """The same of somebody who comes: what changes with time by itself is taken off both."""
+    times = frames[:, 0] - frames[:, 0].mean()
+    spread = float(times @ times)
+    if len(frames) < 4 or spread <= 0.0:
+        return 0.0
+    force, way = (one - one.mean() - times * (times @ one) / spread for one in frames[:, 1:3].T)
+    square = float(way @ way)
+    return float(force @ way) / square if square > len(frames) * LEAST_WAY**2 else 0.0
+
+
+def _comes(frames: Array, delay: float) -> bool:
+    """True if the force of frames (n, 4) rises by more within a delay than the arm made: somebody comes.
+
+    What the arm makes is what it was told to go in two delays, into somebody stiff; before two delays are
+    over it is still coming to rest.
+    """
+    begin, now = frames[0, 0], frames[-1, 0]
+    if now - begin < 2.0 * delay:
+        return False
+    before, half, there = np.interp(now - np.array([1.0, 0.5, 0.0]) * delay, frames[:, 0], frames[:, 1])
+    made = STIFF * (frames[-1, 3] - np.interp(now - 2.0 * delay, frames[:, 0], frames[:, 3]))
+    # a contact that passes from patch to patch jumps
+    return bool(min(there - half, half - before) > 0.5 * (FOLLOWS + made))
+
+
 def _coming(frames: Array, stiffness: float) -> float:
     """Speed [m/s] with which somebody of a known stiffness comes nearer: the slope of where its surface is,
-    force / stiffness - way, over some frames (n, 3)."""
+    force / stiffness - way, over some frames (n, 4)."""
     times, place = frames[:, 0] - frames[-1, 0], frames[:, 1] / stiffness - frames[:, 2]
     if len(frames) < 3:
         return 0.0

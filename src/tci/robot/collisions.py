@@ -161,7 +161,9 @@ def exclude_overlaps(spec: mujoco.MjSpec, robot: Robot, posture: Array) -> mujoc
     """
     assert robot.model is not None  # solid_spec raises an error for a robot without a model
     model = compiled(spec, robot.model)
-    pairs = _overlapping(model, robot, posture)
+    # people's hands wait at the origin, where the root of a robot may be, and touch that too
+    hands = np.flatnonzero(model.body_contype & sum(HANDS)).tolist()
+    pairs = [pair for pair in _overlapping(model, robot, posture) if not set(pair) & set(hands)]
     if not pairs:
         return model
     for first, second in pairs:

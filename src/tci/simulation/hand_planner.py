@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,7 +48,19 @@ class HandPlanner:
         self._ballistics = Ballistics(person.mass, person.pad, damping, FRICTION)
 
     def plan(self, path: HandPath, link: int) -> Moments:
-        """What the hand does from moment to moment on a path. Raises TciError if it has no room."""
+        """What the hand does from moment to moment on a path. A palm that has no room, as between the
+        fingers of a small robot hand, leaves the touch to a fingertip. Raises TciError if that has none
+        either."""
+        try:
+            return self._plan(path, link)
+        except TciError as error:
+            if tuple(path.pads) != ("palm",):
+                raise
+            with suppress(TciError):
+                return self._plan(replace(path, pads=("index",)), link)
+            raise error
+
+    def _plan(self, path: HandPath, link: int) -> Moments:
         self._open(path, link)
         turns = turns_of(np.array(path.normals), _long_axis(self._physics.model, link))
         heights = self._heights(path, turns, link)

@@ -16,7 +16,7 @@ from tci.robot.generic_arm import limb_direction
 from tci.robot.joint_map import generic_posture
 from tci.skin.surfaces import Surface
 from tci.skin.triangulation import is_sheet
-from tci.touches.places import Spot, long_axis
+from tci.touches.places import Spot, axis_of, long_axis
 
 _NEAR = 4
 
@@ -88,7 +88,7 @@ def chart_of(body: GenericBody, spot: Spot, joints: JointReading) -> Chart:
         assert part.side is not None  # an arm always has a side
         first, second = (T_LS[:3, :3] @ limb_direction(a, part.side) for a in (0.0, np.pi / 2.0))
         return _tube(surface, T_LS[:3, 3], -T_LS[:3, 2], first, second, (0.0, segment.length))
-    axis = long_axis(positions)
+    axis = axis_of(body, body.robot.patch(spot.place.patch))
     first = spot.place.n_L - (spot.place.n_L @ axis) * axis
     first = first / np.linalg.norm(first) if np.linalg.norm(first) > 0.1 else np.linalg.svd(axis[None])[2][1]
     middle = (positions.min(axis=0) + positions.max(axis=0)) / 2.0

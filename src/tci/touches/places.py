@@ -22,6 +22,7 @@ from tci.messages import JointReading, Landmark, LimbPlace
 from tci.messages.frames import Array, read_only
 from tci.robot.description import GenericPart, Patch
 from tci.robot.generic_arm import Side
+from tci.robot.generic_fingers import FINGERS
 from tci.robot.joint_map import initial_position
 
 FACING = 0.2
@@ -74,7 +75,7 @@ class Spot:
     part: str
     segment: str
     along: tuple[float, float] | None = None
-    """From where to where along the limb; on a patch that is on no limb, along its longest axis (0..1)."""
+    """From where to where along the limb; on a patch that is on no limb, along `axis_of` (0..1)."""
 
 
 def place_words(body: GenericBody) -> list[str]:
@@ -145,11 +146,24 @@ def _patch_spot(body: GenericBody, name: str, u: float | None) -> Spot | None:
     positions = surface.positions
     middle = (positions.min(axis=0) + positions.max(axis=0)) / 2.0
     if u is not None and len(positions) > 1:
-        axis = long_axis(positions)
+        axis = axis_of(body, patch)
         middle = positions.mean(axis=0)
         x = (positions - middle) @ axis
         middle = middle + (x.min() + u * np.ptp(x)) * axis
     return _at_taxel(body, patch, int(np.linalg.norm(positions - middle, axis=1).argmin()))
+
+
+def axis_of(body: GenericBody, patch: Patch) -> Array:
+    """Unit vector (3,) along a patch that is on no limb: on a finger towards its tip, also around one that
+    taxels enclose; elsewhere the patch's longest axis."""
+    positions = body.skin.surfaces[patch.name].positions
+    if patch.segment in FINGERS:
+        segment = body.robot.part(patch.part).segment(patch.segment)
+        ahead: Array = positions.mean(axis=0) - segment.origin
+        length = float(np.linalg.norm(ahead))
+        if segment.link == patch.link and length > COVERED:
+            return ahead / length
+    return long_axis(positions)
 
 
 def long_axis(positions: Array) -> Array:

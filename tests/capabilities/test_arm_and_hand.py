@@ -54,11 +54,15 @@ def felt(name: str, touch: str, capability: tci.Capability[Any], duration: float
     return np.array(rows)
 
 
-def test_a_stroke_is_felt_along_an_arm_and_a_tap_on_a_finger() -> None:
+def test_a_stroke_is_felt_along_an_arm_and_along_a_finger_and_a_poke_on_the_palm() -> None:
     stroke = felt("franka", "stroke 'left forearm' 3N 8cm/s", Still(), 2.5)
     assert np.ptp(stroke[:, 2:], axis=0).max() > 0.05
+    along = felt("allegro", "stroke 'right index finger' 2N 5cm/s", Still(), 2.5)
+    assert np.ptp(along[:, 4]) > 0.01 > np.ptp(along[:, 2:4], axis=0).max()  # the finger points along z
     tap = felt("allegro", "tap 'right index finger' 3N", Still(), 1.2)
     assert 1.5 < tap[:, 1].max() < 4.5
+    poke = felt("allegro", "poke 'palm of right hand' 3N", Still(), 1.2)
+    assert 1.5 < poke[:, 1].max() < 4.5
 
 
 def test_a_gentle_arm_gives_way_to_a_push() -> None:

@@ -14,7 +14,7 @@ from helpers.serial_devices import Robotiq
 from tci.cli.main import app
 from tci.drivers.registry import source_at
 from tci.drivers.source_reader import SourceReader
-from tci.errors import CommandError, DriverError
+from tci.errors import DriverError
 from tci.shared.serial_ports import SerialPortInfo, can_channels, findings, holders, serial_ports
 
 pytestmark = pytest.mark.timeout(60)
@@ -121,12 +121,6 @@ def test_a_refused_connection_says_what_to_do_next(via: str, advice: str) -> Non
     assert isinstance(said.exception, DriverError)
     assert str(said.exception).startswith(via)
     assert advice in str(said.exception)
-
-
-def test_a_robot_is_no_hand_to_read() -> None:
-    said = CliRunner().invoke(app, ["hand", "allegro"])
-    assert isinstance(said.exception, CommandError)
-    assert "valid: the address of a hand, or tci view allegro" in str(said.exception)
 
 
 def test_no_permission_is_told_with_the_group(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,5 @@
 """`tci hand`: a tactile hand or loose sensor alone, without a robot: which are plugged in, the pressure on
-the pads, and what is wrong."""
+the pads, and what is wrong; or a robot's simulated hand, whose pads are pressed in turn."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from tci.cli.options import AsJson
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
+    from tci.drivers.source import Source
     from tci.drivers.source_reader import SourceReader
     from tci.robot.tactile_devices import DevicePad
 
@@ -30,7 +31,8 @@ def hand(
     via: Annotated[
         str | None,
         typer.Argument(
-            help="Address of the hand, such as inspire:192.168.11.210; without one, lists what is plugged in."
+            help="Address of the hand, such as inspire:192.168.11.210, or a robot, whose hand is simulated "
+            "and pressed pad by pad; without one, lists what is plugged in."
         ),
     ] = None,
     duration: Annotated[
@@ -61,25 +63,17 @@ def hand(
     Example:  tci hand inspire:192.168.11.210
 
     Example:  tci hand robotiq:/dev/ttyACM0 --doctor
+
+    Example:  tci hand allegro
     """
     from rich.live import Live
 
-    from tci.drivers.registry import source_at
     from tci.drivers.source_reader import SourceReader
-    from tci.errors import CommandError, DriverError
-    from tci.robot.catalogue import robot_names
 
     if via is None:
         _list(as_json=as_json)
         return
-    if via in robot_names():
-        message = (
-            f"{via} is a robot's name; valid: the address of a hand, or tci view {via} for a simulated one"
-        )
-        raise CommandError(message)
-    source = source_at(via)
-    if not source.pads:
-        raise DriverError(f"{via} has no pads of its own; valid: beside a robot, --via 'sim + {via}'")
+    source = _source(via, alone=not (doctor or view or describe))
     reader = SourceReader(via, source, source.pads)
     end = time.monotonic() + (duration or np.inf)
     try:
@@ -109,6 +103,30 @@ def hand(
         pass
     finally:
         reader.close()
+
+
+def _source(via: str, *, alone: bool) -> Source:
+    """The source at an address, or the simulated pads of a robot: `alone`, since nobody can be asked to press
+    these, and tci view and other commands take the robot itself."""
+    from tci.drivers.registry import source_at
+    from tci.drivers.simulated_pads import SimulatedPads
+    from tci.errors import CommandError, DriverError
+    from tci.robot.catalogue import robot_names
+    from tci.robot.like import as_robot
+
+    if via not in robot_names() and not via.endswith(".xml"):
+        source = source_at(via)
+        if not source.pads:
+            raise DriverError(f"{via} has no pads of its own; valid: beside a robot, --via 'sim + {via}'")
+        return source
+    if not alone:
+        raise CommandError(
+            f"{via} is a robot, whose hand is simulated; valid: tci view {via}, or the address of a hand"
+        )
+    simulated = SimulatedPads(as_robot(via))
+    if not simulated.pads:
+        raise CommandError(f"{via} has no pads on its hands; valid: a robot with skin on fingers or palm")
+    return simulated
 
 
 def _list(*, as_json: bool) -> None:
@@ -206,10 +224,13 @@ def _examine(reader: SourceReader, *, as_json: bool) -> None:
 
 def _shapes(reader: SourceReader) -> dict[str, DevicePad]:
     """The pads as they lie, as far as somebody told."""
+    from tci.drivers.simulated_pads import SimulatedPads
     from tci.lab.commissioning.hand_shapes import shapes_file, shapes_told
     from tci.lab.commissioning.hand_turns import pads_as_found, turns_file
     from tci.robot.tactile_devices import pads_of
 
+    if isinstance(reader.source, SimulatedPads):
+        return reader.source.shapes
     known = pads_of(reader.source.device, reader.channels)
     known |= shapes_told(reader.channels, shapes_file(reader.name))
     return pads_as_found(known, turns_file(reader.name))
@@ -242,7 +263,9 @@ def _picture(reader: SourceReader, most: dict[str, float], shapes: dict[str, Dev
     from tci.robot.tactile_devices import devices, in_rows
 
     now = time.monotonic()
-    newtons = next((one.newton_per_count for one in devices() if one.name == reader.source.device), None)
+    newtons = reader.source.newton_per_count or next(
+        (one.newton_per_count for one in devices() if one.name == reader.source.device), None
+    )
     panels = []
     for name, pad in reader.pads.items():
         silent = reader.silence(name, now)

@@ -55,6 +55,8 @@ class Source(ABC):
     """What is sent to the device, in words. Nothing else may be: no zeroing, no calibration."""
     device: str = ""
     """Name in the table of tactile devices, which knows rows and columns; empty if it is not there."""
+    newton_per_count: float | None = None
+    """Force [N] that a count is, if the source itself knows it; else the table of devices may."""
     values_per_point: int = 1
     """Values that a pad has for each place: 3 for forces along three axes."""
     wants: tuple[str, ...] = ()

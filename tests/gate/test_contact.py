@@ -24,6 +24,7 @@ from tci.gate.contact.settings import ContactSettings
 from tci.gate.contact.weights import bends
 from tci.gate.gate import Gate, GateSettings, GateState
 from tci.gate.joint_monitor import Reference
+from tci.gate.settings import OVER_A_WIRE
 from tci.messages import (
     Contacts,
     ExpectContact,
@@ -42,7 +43,7 @@ from tci.robot.catalogue import load_robot
 from tci.robot.joint_calibration import Tool
 from tci.runtime.loop import run
 
-ZERO = [0.0] * 6
+ZERO, ONE = [0.0] * 6, np.ones(1)
 ALONE = GateSettings(contact=None)
 ANSWERS = GateSettings(contact=ContactSettings())
 
@@ -521,6 +522,24 @@ def test_a_resting_arm_that_is_pushed_by_hand_does_not_retreat_but_gives_way() -
     assert not safe.met
     safe = held.gate.step((position_command([2], [0.2]),), reading(pushed, held.now), held.now)
     assert not safe.refusals
+
+
+@pytest.mark.parametrize(("settings", "sag"), [(OVER_A_WIRE, 5.0), (ANSWERS, 3.0)], ids=["wire", "simulated"])
+def test_a_joint_that_is_told_to_be_soft_sags_and_met_nobody(settings: GateSettings, sag: float) -> None:
+    """Who bends the simulated one as far again later is met."""
+    held, late = Held(at=9.0, settings=settings), 0.0 if settings is OVER_A_WIRE else 2.5
+    met = set[str | None]()
+    for step in range(round(2.4 / PERIOD)):
+        soft = PlatformCommand(Mode.STIFFNESS, np.array([2]), 0.2 * ONE, ONE)
+        held.step(*{0: [position_command([2], [0.5])], 200: [soft]}.get(step, []))
+        bent = np.clip((step - np.array([205, 205 + round(1.5 / PERIOD)])) / 30.0, 0.0, 1.0)
+        held.hand[2] = -np.deg2rad(bent @ [sag, late])
+        met |= {one.joint for one in held.safe.met}
+        if step == round(1.8 / PERIOD):
+            assert not met
+            assert held.sent[2] == pytest.approx(0.5, abs=1e-9)
+    assert held.gate.state is GateState.RUN
+    assert met == ({"joint2"} if late else set())
 
 
 @pytest.mark.parametrize("touch", [0.0, 2.0, 14.0])

@@ -37,7 +37,7 @@ from tci.gate.safe_command import SafeCommand as SafeCommand
 from tci.gate.settings import GateCounts as GateCounts
 from tci.gate.settings import GateSettings as GateSettings
 from tci.gate.settings import Tally
-from tci.messages import CONTROL_MODES, Contacts, JointReading, Met, Mode, PlatformOrder, PlatformSwitch
+from tci.messages import Contacts, JointReading, Met, Mode, PlatformOrder, PlatformSwitch
 from tci.messages.commands import MOST_EXPECTED
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
@@ -348,8 +348,8 @@ class Gate:
                     continue
                 self._check_contact(command)
                 clamped += self._motion.accept(command, now)
-                if self._contact is not None and command.mode in CONTROL_MODES:
-                    self._contact.ordered(command.servos)
+                if self._contact is not None:
+                    self._contact.accepted(command, now)
                 taken.append(command)
             except CommandError as error:
                 refusals.append(error.reason)

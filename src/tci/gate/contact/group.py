@@ -17,7 +17,7 @@ from tci.gate.contact.noticing import Noticing
 from tci.gate.contact.others import First
 from tci.gate.contact.path import Path
 from tci.gate.contact.softness import Softness
-from tci.gate.contact.weights import Sag
+from tci.gate.contact.weights import Sag, Sags
 from tci.gate.joint_monitor import Reference
 from tci.messages import JointReading
 from tci.messages.frames import Array
@@ -52,6 +52,7 @@ class Group:
     path: Path = field(default_factory=Path)
     noticing: Noticing = field(default_factory=Noticing)
     softness: Softness = field(default_factory=Softness)
+    sags: Sags = field(init=False)
     sag: Sag = field(default_factory=Sag)
     before: Array | None = None
     """Torques (n_servos,) [N m] before the contact."""
@@ -76,6 +77,9 @@ class Group:
     """How long it does [s]."""
     slow: bool = False
     """It is freed on an operator's word."""
+
+    def __post_init__(self) -> None:
+        self.sags = Sags(self.servos)
 
     @property
     def name(self) -> str:

@@ -28,7 +28,16 @@ from tci.gate.contact.softness import LIGHT
 from tci.gate.contact.things import Things
 from tci.gate.contact.weights import Sag, bends
 from tci.gate.joint_monitor import Reference
-from tci.messages import Answer, Contacts, JointReading, Met
+from tci.messages import (
+    CONTROL_MODES,
+    Answer,
+    Contacts,
+    JointReading,
+    Met,
+    Mode,
+    PlatformCommand,
+    PlatformOrder,
+)
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Patch, Robot
@@ -91,10 +100,14 @@ class ContactReaction:
         for group in self._groups_of(servos):
             group.expected, group.until = force, now + EXPECTED_FOR
 
-    def ordered(self, servos: NDArray[np.intp]) -> None:
-        """Somebody's order moves these servos, so they don't give way any more."""
-        for group in self._groups_of(servos):
-            group.softness.soft = False
+    def accepted(self, order: PlatformOrder, now: float) -> None:
+        """Somebody's order passed at `now` [s]: servos that it moves don't give way any more, and those that
+        it makes softer sag."""
+        for group in self._groups_of(order.servos):
+            if order.mode in CONTROL_MODES:
+                group.softness.soft = False
+            elif order.mode is Mode.STIFFNESS and isinstance(order, PlatformCommand):
+                group.sags.told(order.servos, order.values, now)
 
     def free(self) -> None:
         """Sends every part that is in contact back with the next reading, slowly."""
@@ -172,13 +185,16 @@ class ContactReaction:
                 if group.goal is not None and felt.get(number, Felt()).force <= LIGHT:
                     self._release(group)
                 continue
+            here = joints.position[group.servos]
+            sags = group.sags.look(np.abs(group.references(reference, joints.position) - here), now)
             excused = self._excused[group.servos]
-            bound = bounds(excused, self._settings, rests=self._rests(group))
+            bound = bounds(excused, self._settings, rests=self._rests(group)) + sags
+            excused = excused + sags
             errors = error[group.servos]
             left = bent[group.servos]
             left[~(left >= excused)] = 0.0
             seen = Seen(
-                joints, reference, group.servos, joints.position[group.servos],
+                joints, reference, group.servos, here,
                 self._following.pull[group.servos], own, errors, bound, excused,
                 int(np.where(own, errors / bound, -1.0).argmax()), felt.get(number, Felt()), left,
                 bears[group.servos] if group.goal is None else group.bears(joints, self._bearing),

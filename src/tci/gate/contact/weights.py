@@ -7,6 +7,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tci.errors import DescriptionError, UnknownNameError
 from tci.messages.frames import Array, apply, invert, read_only
@@ -28,6 +29,9 @@ SHAKEN = 1.5
 """Factor by which a weight bends a joint more while its part moves."""
 MOST = float(np.deg2rad(4.0))
 """Angle [rad] beyond which a bend is always a contact: at 6 degrees the joint monitor stops the robot."""
+SINKS = 1.0
+"""Time [s] within which a joint that got softer has sunk: several swings of an arm at a fifth of its
+stiffness."""
 POSTURES = 32
 ALIKE, COARSE = 0.1, float(np.deg2rad(0.2))
 """Fraction and angle [rad] by which two bends by one weight differ: its lever, and an encoder's steps."""
@@ -53,6 +57,34 @@ class Sag:
             gave = (last[0] - reference) * np.sign(last[1]) >= GAVE * np.abs(last[1])
             alike = np.abs(bent - last[1]) <= np.maximum(ALIKE * np.abs(bent), COARSE)
             self.bent = np.where(gave & alike & (np.abs(bent) <= most), bent, self.bent)
+
+
+class Sags:
+    """How far the joints of one group sag since they got a smaller share of their stiffness. What a softer
+    joint sinks by is no contact, but what bends it further is."""
+
+    def __init__(self, servos: NDArray[np.intp]) -> None:
+        self._servos = servos
+        self._shares, self._sags = np.ones(len(servos)), np.zeros(len(servos))
+        self._softer = self._stiffer = np.zeros(len(servos), bool)
+        self._until = -np.inf
+
+    def told(self, servos: NDArray[np.intp], shares: Array, now: float) -> None:
+        """Notes which shares (j,) of their stiffness `servos` (j,) get at `now` [s]."""
+        new = self._shares.copy()
+        for servo, share in zip(servos.tolist(), shares.tolist(), strict=True):
+            new[self._servos == servo] = share
+        if (new < self._shares).any():
+            self._softer, self._until = new < self._shares, now + SINKS
+        self._stiffer = (self._stiffer | (new > self._shares)) & (new >= self._shares)
+        self._shares = new
+
+    def look(self, behind: Array, now: float) -> Array:
+        """By how much each joint sags (k,) [rad] that is `behind` its reference by so much (k,) [rad]."""
+        sinks = self._softer & (now < self._until)
+        self._sags = np.where(sinks, np.maximum(self._sags, behind), self._sags)
+        self._sags = np.where(self._stiffer, np.minimum(self._sags, behind), self._sags)
+        return self._sags
 
 
 def bends(robot: Robot, loads: Mapping[str, Tool]) -> Array:

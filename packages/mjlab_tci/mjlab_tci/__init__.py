@@ -1,4 +1,4 @@
-"""Humanoid skin of TCI as a force sensor for mjlab. Needs neither TCI nor its MuJoCo."""
+"""Robot skin of TCI as a force sensor for mjlab. Needs neither TCI nor its MuJoCo."""
 
 from mjlab_tci.sensor import SkinSensor as SkinSensor
 from mjlab_tci.sensor import SkinSensorCfg as SkinSensorCfg

@@ -1,7 +1,9 @@
-"""What people do to humanoids works on one arm in sleeves of 64 taxels (franka) and on one hand (allegro)."""
+"""What people do to humanoids works on one arm in sleeves of 64 taxels (franka), also on a wall, and on one
+hand (allegro). `test_teach.py` teaches the arm."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +11,10 @@ import pytest
 
 import tci
 from tci.capabilities import FingerReflex, Sway
+from tci.lab.authoring.proposal import propose
+from tci.lab.experiments.experiment import trials_of
+from tci.lab.experiments.poke import Stimulus
+from tci.robot.description import TruncatedCone
 from tci.runtime.loop import Tick
 
 
@@ -25,6 +31,31 @@ def test_the_five_lines(name: str, patch: str, reflex: tci.Capability[Any], says
         result = tci.run(driver, reflex, duration=0.8)
     assert f"touched {patch}" in str(result)
     assert f"moved {says}" in str(result)
+
+
+def on_a_wall() -> tci.Robot:
+    """A Panda that is proposed on a wall, in sleeves of 64 taxels."""
+    model = tci.load_robot("franka").model
+    assert model is not None
+    robot = propose(
+        Path(model.path), name="franka", package=model.package, mount="wall", trust_fingers="none"
+    )
+    patches = []
+    for patch in robot.patches:
+        assert isinstance(patch.surface, TruncatedCone)
+        cone = patch.surface.model_copy(update={"rings": 8, "per_ring": 8})
+        patches.append(patch.model_copy(update={"surface": cone, "channels": 64}))
+    return robot.model_copy(update={"patches": tuple(patches), "digest": "on a wall"})
+
+
+@pytest.mark.parametrize("robot", ["wall", "allegro"])
+def test_the_demo(robot: str) -> None:
+    one = on_a_wall() if robot == "wall" else tci.load_robot(robot)
+    for trial in trials_of(one, tci.WithdrawalReflex(), stimulus=Stimulus(), seed=0, count=2):
+        assert trial.responded, trial.site
+        assert trial.contact_lost_ms is not None, trial.site
+        assert trial.contact_lost_without_reflex_ms is None, trial.site
+        assert not trial.violations
 
 
 class Still(tci.Capability[None]):

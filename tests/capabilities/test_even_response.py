@@ -11,7 +11,9 @@ import pytest
 import tci
 from helpers.even_response import ROBOTS, judged
 from tci.capabilities import default_fields
+from tci.lab.authoring.proposal import propose
 from tci.messages import Contacts
+from tci.robot.xml.model import packaged
 from tci.testing import TouchedRobot
 
 REFUSED = {"nao": 0.05}
@@ -78,6 +80,26 @@ def test_an_arm_that_stands_alone_answers_beside_its_lift_too() -> None:
         assert 7.5 - 1e-6 <= np.abs(way).max() <= 15.0 + 1e-6
         changed += np.abs(way - np.rad2deg(answer.motion)).max() > 5.0
     assert changed >= 2
+
+
+def test_a_shoulder_whose_axes_do_not_meet_answers_near_the_trunk_too() -> None:
+    """TIAGo's first two axes are 12 cm apart: its lift drags the skin along, and a turn of the arm undoes it.
+    Of these touches 5 to 6 % were refused, at taxels 11 and 55 too."""
+    model = packaged("example-robot-data", "tiago_description/robots/tiago_dual.urdf")
+    assert model is not None
+    touched, reflex = TouchedRobot(propose(model, name="tiago")), tci.WithdrawalReflex()
+    answered = []
+    for taxel in (11, 55, *range(0, touched.robot.patch("right_upper_arm").channels, 19)):
+        seen = touched.perceive("right_upper_arm", taxel=taxel, force=5.0)
+        orders, memory = reflex.step(reflex.init(touched.body), seen, touched.body)
+        answered.append(bool(orders))
+        assert orders or reflex.notes(memory)
+        for order in orders:
+            assert isinstance(order, tci.GenericCommand)
+            way = np.rad2deg(np.abs(order.values - seen.posture["right_arm"]))
+            assert 7.5 - 1e-6 <= way.max() <= 15.0 + 1e-6
+    assert all(answered[:2])
+    assert np.mean(answered) >= 0.98
 
 
 def test_the_same_place_is_answered_alike_on_both_sides() -> None:

@@ -202,16 +202,20 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     def _others(
         self, perception: Perception, body: GenericBody, part: str, refused: Response, answers: Sequence[int]
     ) -> Iterator[list[Response]]:
-        """Blends of the same fields in the place of a refused one: beside it, then, for an arm that stands
-        alone, those for its own skin. These differ more between neighbouring places."""
+        """Blends of the same fields in the place of a refused one: beside it, then, for upper arms and arms
+        that stand alone, those for their own skin. These differ more between neighbouring places."""
         motions, arm = (
             self._motions[[one.segment == refused.name for one in self._used]],
             body.robot.part(part),
         )
-        if arm.segment(refused.name).length >= SHORT:
-            yield _responses(refused.name, beside(np.array(refused.motion), np.abs(motions).max(axis=0)))
-        if arm.stands_alone:
-            yield _responses(refused.name, on_own_skin(perception, body, part, motions, answers))
+        asked, long = np.array(refused.motion), arm.segment(refused.name).length >= SHORT
+        if long:
+            yield _responses(refused.name, beside(asked, np.abs(motions).max(axis=0)))
+        if arm.stands_alone or (long and refused.name == "upper_arm"):
+            for mixed in on_own_skin(
+                perception, body, part, motions, answers, refused=asked, turns=not arm.stands_alone
+            ):
+                yield _responses(refused.name, mixed)
 
     def resume(
         self,

@@ -140,6 +140,7 @@ def test_a_late_first_motion_names_what_took_the_time() -> None:
     assert trial.trigger_ms, trial_faults(slow, trial)
     said = next(fault for fault in trial_faults(slow, trial) if "first motion after" in fault)
     assert "the joints start slowly" in said
+    assert ", here LShoulderPitch (170 degrees/s2" in said
     assert trial.first_motion_ms is not None
     late = replace(trial, trigger_ms=trial.first_motion_ms - 10.0)
     said = next(fault for fault in trial_faults(slow, late) if "first motion after" in fault)

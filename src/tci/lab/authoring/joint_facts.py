@@ -28,7 +28,8 @@ degrees/s2 on, a servo that follows 10 ms late has moved by 0.05 degrees within 
 beside the skin's frame; with 400 it takes 24 ms or more, whatever the jerk."""
 MOST_TORQUE = 0.35
 """Largest fraction of a joint's torque that the proposed acceleration limit may need. More than a quarter of
-the torque is used only if a quarter gives less than the least of `ACCELERATION`."""
+the torque is used only if a quarter gives less than the least of `ACCELERATION`. The rest moves the motor
+itself and what other joints accelerate: with 0.46 the first joint of TIAGo's arm no longer follows."""
 SLOWEST = float(np.deg2rad(30.0))
 """Least acceleration [rad/s2] that an arm's joint must reach with its full torque, while it moves its largest
 inertia. Real arms reach more than 10 rad/s2. If a joint does not reach SLOWEST, a value in the file has a

@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass
 from itertools import chain
 from typing import Any, Literal
 
+import numpy as np
+
 from tci.body.generic_body import GenericBody
 from tci.body.touchable import without_skin
 from tci.capabilities.body_withdrawal import BodyWithdrawal
@@ -185,7 +187,7 @@ def _skin(robot: Robot, *, answered: bool) -> Literal["described", "assumed", "n
     return "assumed" if any(patch.assumed for patch in robot.patches) else "described"
 
 
-def _why(trial: Trial, rate: float) -> str:
+def _why(robot: Robot, trial: Trial, rate: float) -> str:
     """What took a late first motion its time: to feel the touch, or to start. `rate` [Hz] is the skin's."""
     felt, moved = trial.trigger_ms, trial.first_motion_ms
     if felt is None or moved is None:
@@ -197,8 +199,20 @@ def _why(trial: Trial, rate: float) -> str:
         )
     return (
         f". From the first command to the motion it took {moved - felt:g} ms: the joints start slowly, as "
-        "those with low limits of acceleration or torque do"
+        f"those with low limits of acceleration or torque do{_slowest(robot, trial.part)}"
     )
+
+
+def _slowest(robot: Robot, part: str) -> str:
+    """The joint of a part that accelerates least, in words; empty if no limit is known."""
+    own = [robot.servos[one.servo] for one in robot.part(part).servos if one.servo is not None]
+    known = [(one.limits.acceleration, one) for one in own if one.limits.acceleration is not None]
+    if not known:
+        return ""
+    acceleration, least = min(known, key=lambda one: one[0])
+    torque = "" if least.limits.torque is None else f", with {least.limits.torque:.3g} N m"
+    assumed = ", assumed from torque and inertia" if "acceleration" in least.limits.assumed else ""
+    return f", here {least.name} ({np.rad2deg(acceleration):.0f} degrees/s2{torque}{assumed})"
 
 
 def trial_faults(robot: Robot, trial: Trial) -> list[str]:
@@ -215,7 +229,7 @@ def trial_faults(robot: Robot, trial: Trial) -> list[str]:
         "; ".join(
             ["the reflex did not move the skin away, or moved another part too", *trial.notes]
         ): trial.responded,
-        f"{late}{_why(trial, rate)}": (0.0 < (trial.first_motion_ms or never) <= slowest),
+        f"{late}{_why(robot, trial, rate)}": (0.0 < (trial.first_motion_ms or never) <= slowest),
         f"contact lost after {trial.contact_lost_ms} ms; valid: at most 1000": (
             (trial.contact_lost_ms or never) <= 1000.0
         ),

@@ -34,12 +34,10 @@ def test_the_five_lines(name: str, patch: str, reflex: tci.Capability[Any], says
 
 
 def on_a_wall() -> tci.Robot:
-    """A Panda that is proposed on a wall, in sleeves of 64 taxels."""
-    model = tci.load_robot("franka").model
+    """A UR5 that is proposed on a wall, in sleeves of 64 taxels."""
+    model = tci.load_robot("ur5").model
     assert model is not None
-    robot = propose(
-        Path(model.path), name="franka", package=model.package, mount="wall", trust_fingers="none"
-    )
+    robot = propose(Path(model.path), name="ur5", package=model.package, mount="wall")
     patches = []
     for patch in robot.patches:
         assert isinstance(patch.surface, TruncatedCone)
@@ -70,7 +68,7 @@ class Still(tci.Capability[None]):
         return (), None
 
 
-def felt(name: str, touch: str, capability: tci.Capability[Any], duration: float) -> np.ndarray:
+def felt(robot: str | tci.Robot, touch: str, capability: tci.Capability[Any], duration: float) -> np.ndarray:
     """A hand touches a robot. Rows (k, 5): time [s], force [N] and place [m] in its link's frame of each
     contact."""
     rows: list[tuple[float, ...]] = []
@@ -78,7 +76,7 @@ def felt(name: str, touch: str, capability: tci.Capability[Any], duration: float
     def see(tick: Tick) -> None:
         rows.extend((tick.now, one.force, *one.p_L) for one in tick.perception.contacts)
 
-    with tci.connect(name, "sim", people=1) as driver:
+    with tci.connect(robot, "sim", people=1) as driver:
         driver.world.touch(touch)
         result = tci.run(driver, capability, duration=duration, observe=see)
     assert result.state.name == "RUN"
@@ -86,8 +84,9 @@ def felt(name: str, touch: str, capability: tci.Capability[Any], duration: float
 
 
 def test_a_stroke_is_felt_along_an_arm_and_along_a_finger_and_a_poke_on_the_palm() -> None:
-    stroke = felt("franka", "stroke 'left forearm' 3N 8cm/s", Still(), 2.5)
-    assert np.ptp(stroke[:, 2:], axis=0).max() > 0.05
+    for robot in ("franka", on_a_wall()):
+        stroke = felt(robot, "stroke 'left forearm' 3N 8cm/s", Still(), 2.5)
+        assert np.ptp(stroke[:, 2:], axis=0).max() > 0.05
     along = felt("allegro", "stroke 'right index finger' 2N 5cm/s", Still(), 2.5)
     assert np.ptp(along[:, 4]) > 0.01 > np.ptp(along[:, 2:4], axis=0).max()  # the finger points along z
     tap = felt("allegro", "tap 'right index finger' 3N", Still(), 1.2)

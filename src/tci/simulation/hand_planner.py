@@ -21,7 +21,8 @@ from tci.support.engine import mujoco
 
 SKIN_GEOM = skin_geom("")
 _ON_SKIN = 0.02
-"""Distance [m] from a taxel up to which a place counts as on skin. Assumed: above every skin's pitch."""
+"""Distance [m] from a taxel up to which a place counts as on skin, or the width of a taxel if that is more:
+sleeves of 64 taxels have one each 30 to 70 mm. Assumed: above the pitch of other skins."""
 _RUN_UPS = 1.0, 0.5, 0.25
 """Run-ups that are tried, as fractions of the usual one: between arm and trunk there is little room."""
 _INSIDE = 5e-4
@@ -41,7 +42,7 @@ class HandPlanner:
         names = {geom: str(model.geom(geom).name) for geom in self._solid}
         self._hard = [geom for geom in self._solid if not names[geom].startswith(SKIN_GEOM)]
         self._skins = [
-            (geom, surfaces[name.removeprefix(SKIN_GEOM)].positions)
+            (geom, surfaces[name.removeprefix(SKIN_GEOM)])
             for geom, name in names.items() if name.startswith(SKIN_GEOM)
         ]  # fmt: skip
         damping = 2.0 * PAD_DAMPING * float(np.sqrt(person.pad * PAD_MASS))
@@ -99,13 +100,13 @@ class HandPlanner:
         parent = model.body_parentid
         bodies = {geom: model.geom_bodyid[geom] for geom in self._hard}
         near = [geom for geom, body in bodies.items() if link in (body, parent[body]) or body == parent[link]]
-        skins = [mesh for geom, mesh in self._skins if model.geom_bodyid[geom] == link]
+        skins = [skin for geom, skin in self._skins if model.geom_bodyid[geom] == link]
         points = np.array(path.points).reshape(-1, 3)
         points = points[:: max(1, len(points) // 20)]
         if skins:
-            taxels = np.concatenate(skins)
-            apart = np.linalg.norm(points[:, None] - taxels[None], axis=2).min(axis=1)
-            if (apart < _ON_SKIN).all():
+            taxels = np.concatenate([skin.positions for skin in skins])
+            widths = np.maximum(np.sqrt(np.concatenate([skin.areas for skin in skins])), _ON_SKIN)
+            if ((np.linalg.norm(points[:, None] - taxels, axis=2) < widths).any(axis=1)).all():
                 model.geom_conaffinity[near] &= ~bit
         self._solid = np.flatnonzero(model.geom_conaffinity & bit).tolist()
 

@@ -87,11 +87,13 @@ def check_reach(draft: Robot, part: GenericPart) -> None:
     worst = int(np.argmax(np.maximum(lower - angles, angles - upper)))
     low, high, needed = np.rad2deg([lower[worst], upper[worst], angles[worst]])
     pose = "be raised from its base" if part.stands_alone else "hang down"
+    radians = robot.model is not None and robot.model.format == "mjcf" and high - low < 4.0 * np.pi
     message = (
         f"{part.name}: the arm can't {pose} with its forearm forward; joint "
         f"{draft.servos[joints.servos[worst]].name} would need {needed:.0f} degrees, and its limits are "
         f"{low:.0f} to {high:.0f} degrees; valid: a model file with the right limits of this joint (not "
         "those of the other side or of another joint), in which the names left and right are not exchanged"
+        + ('; in an MJCF with ranges in radians <compiler angle="radian"/>' if radians else "")
     )
     raise DescriptionError(draft.source, [Fault(0, message)])
 

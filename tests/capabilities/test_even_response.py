@@ -68,6 +68,23 @@ def test_a_motion_beside_a_refused_one_answers() -> None:
     assert changed >= 2
 
 
+def test_a_refusal_says_where_no_motion_of_the_arm_would_do() -> None:
+    """An arm raised sideways: in front, where its pitch mostly turns it about itself, any motion drags."""
+    posture = np.deg2rad([16.0, 73.0, 65.0, 44.0, 2.0])
+    touched, reflex, told = TouchedRobot("nao", posture={"left_arm": posture}), tci.WithdrawalReflex(), 0
+    chance = np.random.default_rng(0)
+    for taxel in range(120):
+        seen = touched.perceive("left_upper_arm", taxel=taxel, force=4.0)
+        orders, memory = reflex.step(reflex.init(touched.body), seen, touched.body)
+        if not orders and "no other motion of its joints" in reflex.notes(memory)[0]:
+            told += 1
+            here = seen.posture["left_arm"]
+            for way in np.deg2rad(chance.uniform(-15.0, 15.0, (60, 5))):
+                inwards, across, _ = touched.body.retreat(seen, "left_arm", here + way)[:, :, 0]
+                assert inwards[-1] < 1e-3 or np.any(inwards < 0.2 * across), (taxel, np.rad2deg(way))
+    assert told >= 4
+
+
 def test_an_arm_that_stands_alone_answers_beside_its_lift_too() -> None:
     """There the generic limb's blend, mostly a turn of the pan, would drag the thick arm along the object."""
     touched, reflex, changed = TouchedRobot("ur5"), tci.WithdrawalReflex(), 0

@@ -15,14 +15,11 @@ import numpy as np
 
 from tci.body.generic_body import GenericBody
 from tci.capabilities.beside import SMALLEST
-from tci.capabilities.retreat import STEEP
+from tci.capabilities.retreat import BEGUN, STEEP
 from tci.messages import Perception
 from tci.messages.frames import Array
 from tci.robot.generic_arm import JOINTS
 
-BEGUN = 0.1
-"""Fraction of a motion at whose end its direction is taken first: a path that begins along the object is
-refused. Assumed: short against the way, long against rounding."""
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Fractions of a base motion that are mixed."""
 MOTIONS = 4

@@ -8,6 +8,7 @@ independent of the shape of the generic body.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 
@@ -26,6 +27,14 @@ would not end the contact with a soft object."""
 STEEP = 0.2
 """Least ratio of the motion away from the object to the tangential motion. Assumed: the friction coefficient
 of skin is larger than this value, so a motion with a smaller ratio would drag the object along."""
+
+BEGUN = 0.1
+"""Fraction of a motion at whose end its direction is taken first: a path that begins along the object is
+refused. Assumed: short against the way, long against rounding."""
+REACH = np.deg2rad(15.0)
+"""Largest motion [rad] of a joint that `nowhere` tries: the base motions of the arms."""
+SHARES = (-1.0, -0.5, 0.0, 0.5, 1.0)
+"""Fractions of `REACH` of each joint that `nowhere` combines."""
 
 
 def why_not(
@@ -105,6 +114,21 @@ def hopeful(
     away = inwards[:, answers].max(axis=1)
     fine = (inwards.min(axis=1) >= -PRESSED) & (away >= LEAST)
     return [k for k in np.argsort(-away, kind="stable").tolist() if fine[k]]
+
+
+def nowhere(perception: Perception, body: GenericBody, part: str, answers: Sequence[int]) -> bool:
+    """True if no motion of `part` by up to `REACH` in each joint, of a grid of them, begins and ends away
+    from what touches the contacts `answers`: then the posture must change, not the answer."""
+    origin = perception.posture[part]
+    jacobians = [body.jacobian(perception, perception.contacts[one], part) for one in answers]
+    moving = np.flatnonzero(np.abs(jacobians).max(axis=(0, 1)) > 1e-6)
+    ways = np.zeros((len(SHARES) ** len(moving), origin.size))
+    ways[:, moving] = REACH * np.reshape([*product(SHARES, repeat=len(moving))], (-1, len(moving)))
+    begins, ends = (body.retreat_at_ends(perception, part, origin + share * ways) for share in (BEGUN, 1.0))
+    steep = [(one[0] >= STEEP * one[1])[:, answers] for one in (begins, ends)]
+    away = steep[0] & steep[1] & (ends[0][:, answers] >= LEAST)
+    pressed = np.minimum(begins[0], ends[0]).min(axis=1) < -PRESSED
+    return not bool((away.any(axis=1) & ~pressed).any())
 
 
 def _why_kept(inwards: Sequence[float], across: Sequence[float], least: float) -> str:

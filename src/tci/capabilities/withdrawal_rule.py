@@ -16,7 +16,7 @@ import numpy as np
 
 from tci.body.generic_body import GenericBody
 from tci.body.pace import Pace
-from tci.capabilities.retreat import LEAST, are_hopeless, hopeful, why_not
+from tci.capabilities.retreat import LEAST, REACH, are_hopeless, hopeful, nowhere, why_not
 from tci.capabilities.withdrawal_memory import F, Field, Refusal, Wish, Withdrawal, Withdrawals, target_of
 from tci.errors import CommandError
 from tci.messages import GenericCommand, Mode, Perception
@@ -25,6 +25,10 @@ from tci.reasons import Code, Reason
 from tci.robot.blow import PEOPLE, Struck
 
 NO_WAY = "in this posture none of its joints takes the touched place away; valid: another posture"
+NOWHERE = (
+    f"{{why}}, and no other motion of its joints by up to {np.rad2deg(REACH):.0f} degrees leaves that object "
+    "in this posture; valid: another posture"
+)
 ROOM = 5e-3
 """Distance [m] that a withdrawal leaves to whoever it met: it ends before where the contact began."""
 NOTICED = 0.03
@@ -199,7 +203,15 @@ class _Touched(NamedTuple, Generic[F]):
             if found is not None:
                 target = target_of(origin, wishes[0].gain, found)
                 return Withdrawal(found, origin, wishes[0].gain, target, now, now, self.met), ""
-        return None, first
+        return None, self._nowhere(first)
+
+    def _nowhere(self, why: str) -> str:
+        """The reason of a refusal, which says it if no other motion of an arm would do either."""
+        if self.others is None or why == NO_WAY:
+            return why
+        answers = [wish.contact for wish in self.wishes]
+        lost = nowhere(self.perception, self.body, self.part, answers)
+        return NOWHERE.format(why=why.partition("; valid")[0]) if lost else why
 
     def _farther(self, origin: Array, wish: Wish[F], answers: Sequence[int]) -> Withdrawal[F] | None:
         """The withdrawal for a touch so light that its gain would not take the place `LEAST` away: with the

@@ -15,6 +15,7 @@ from helpers.command_line import tci
 from helpers.one_patch import write_one_patch
 from tci.capabilities.policy import PolicySpec
 from tci.learn import TouchEnv
+from tci.touches import Touch, write_touches
 
 FELT = {
     "nao-plain": {"head", "left_hand", "right_hand", "left_bumper", "right_bumper"},
@@ -54,6 +55,24 @@ def test_a_poke_touches_what_exists_and_is_filmed(name: str, patch: str, tmp_pat
     assert bool(told["moved_rad"]) is (name == "one-patch")
     assert bool(told["lacks"]) is (name != "one-patch")
     assert bool(told["switches"]) is (name != "one-patch")
+
+
+def test_one_file_touches_every_robot_where_it_has_skin(tmp_path: Path) -> None:
+    touches = [Touch("press", place, 0.3, 0.2, force=5.0) for place in ("left forearm", "forehead")]
+    write_touches(tmp_path / "visit.tsv", touches)
+    for robot, left_out in (("nao-plain", "press left forearm"), ("icub", "press forehead")):
+        words = "run", "withdrawal", robot, "--touches", str(tmp_path / "visit.tsv"), "--duration", "0.8"
+        told = json.loads(tci(*words, "--json"))
+        assert told["left_out"] == [left_out]
+        assert len(told["touched_N"]) == 1
+        assert not told["missed_touches"]
+    said = flat(tci(*words[:2], "nao-plain", *words[3:]))
+    assert f"nao-plain has no skin on upper arm and {BARE['nao-plain']}" in said
+    assert "left out, since nao-plain has no skin there: press left forearm" in said
+    write_touches(tmp_path / "visit.tsv", touches[:1])
+    refused = flat(tci(*words[:2], "nao-plain", *words[3:], status=1))
+    assert "line 2: nao-plain has no skin on 'left forearm'" in refused
+    assert "valid: forehead" in refused
 
 
 def test_without_what_it_needs_it_says_so_and_what_can_be_done() -> None:

@@ -100,7 +100,7 @@ def check(
         raise CommandError(
             "--via, --only, --taxels and --friction need a robot to test; valid: add --hardware"
         )
-    from tci.cli.touching import ask
+    from tci.cli.touching import ask, tell_left_out
     from tci.lab.commissioning.plausibility import doubts
     from tci.lab.experiments.verdict import judge
     from tci.robot.catalogue import load_robot
@@ -110,6 +110,8 @@ def check(
     if asked is not None and not simulate:
         raise CommandError("--touch and --touches need a simulation; valid: add --simulate")
     planned = () if asked is None else asked.planned
+    if asked is not None and not as_json:
+        tell_left_out(found, asked.not_here())
     with told_here():  # it commands angles outside all limits on purpose, so the log would list clamps
         verdict = judge(found)
     proof = _prove(found, verdict, planned, quiet=as_json) if simulate else None

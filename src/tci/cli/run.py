@@ -168,13 +168,14 @@ def run_capability(
             if not as_json:
                 words = f"pokes {poked}" if poked else f"finds no skin on {driver.robot.name} to poke"
                 console.print(f"the simulated finger {words}", style="dim")
-                tell_bare(driver.robot)
         if asked is not None:
             asked.begin(driver)
             poked = asked.planned[0].patch
             duration = asked.end if duration is None else max(duration, asked.end if rehearsal else 0.0)
             if not as_json:
                 asked.tell()
+        if (poke or asked is not None) and not as_json:
+            tell_bare(driver.robot)
         filmed = _film(driver, film, poked, quiet=as_json) if film is not None else None
 
         operator = Operator(driver.gate)
@@ -201,7 +202,7 @@ def run_capability(
             console.print(f"film {film}: {pictures} pictures", highlight=False, markup=False)
     taught = None if lesson is None else save_lesson(session.memory, driver.robot, lesson)
     if as_json:
-        touched = {} if asked is None else {"touches": asked.rows(), "missed_touches": asked.not_done(driver)}
+        touched = {} if asked is None else asked.to_json(driver) | {"missed_touches": asked.not_done(driver)}
         saved = {} if lesson is None else {"lesson_s": None if taught is None else taught.duration}
         print_json(session.to_json() | touched | saved)
     else:

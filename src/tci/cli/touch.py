@@ -47,7 +47,7 @@ def touch(
 
     Example:  tci touch nao --via yarp --touches visit.tsv
     """
-    from tci.cli.touching import felt_words, tell_rows
+    from tci.cli.touching import felt_words, tell_left_out, tell_rows
     from tci.robot.catalogue import load_robot
 
     if not words and touches is None:
@@ -60,6 +60,7 @@ def touch(
             raise CommandError(answer["error"])
         if "begun" in answer and not as_json:
             tell_rows(described, answer["begun"])
+            tell_left_out(described, answer["left_out"])
         end = answer if "done" in answer else end
     if not end:
         raise CommandError(f"the process that served {described.name} ended before the touch did")

@@ -158,7 +158,8 @@ class TouchDesk:
         series: list[tuple[float, dict[str, float]]] = []
         self._series = series
         zero = world.touch_as_planned(asked.planned)
-        _say(client, {"begun": asked.rows(), "robot": driver.robot.name, "starts_s": round(zero, 3)})
+        begun = {"begun": asked.rows(), "left_out": asked.not_here(), "robot": driver.robot.name}
+        _say(client, begun | {"starts_s": round(zero, 3)})
         if not self._wait(client, zero + max(one.end for one in asked.planned) + AFTER, world):
             for hand in hands:
                 hand.retire()

@@ -16,8 +16,11 @@ from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, TciError
 from tci.messages import JointReading
 from tci.robot.description import Robot
+from tci.touches.kinds import Kind
 from tci.touches.laid import LaidTouches
+from tci.touches.places import NoSkinError, find_spot
 from tci.touches.planned_touch import PlannedTouch
+from tci.touches.touch import Touch
 
 if TYPE_CHECKING:
     from tci.simulation.hand_model import PersonModel
@@ -41,6 +44,8 @@ class Asked:
     """Fraction of each touch that falls on taxels."""
     people: Sequence[PersonModel]
     """Those whom it takes."""
+    left_out: tuple[Touch, ...] = ()
+    """Touches of a file at places of which this robot feels none."""
 
     @property
     def end(self) -> float:
@@ -60,6 +65,7 @@ class Asked:
     def tell(self) -> None:
         """Prints one line for each touch, and what the robot can't feel of it."""
         tell_rows(self.robot, self.rows())
+        tell_left_out(self.robot, self.not_here())
 
     def missed(self, driver: Driver) -> list[str]:
         """Touches for which a hand found no room, with the reason."""
@@ -76,7 +82,13 @@ class Asked:
         return [f"{onset:.3f} s: {short}" for onset in late] + self.missed(driver)
 
     def to_json(self, driver: Driver) -> dict[str, Any]:
-        return {"touches": self.rows(), "missed_touches": self.missed(driver)}
+        return {
+            "touches": self.rows(), "left_out": self.not_here(), "missed_touches": self.missed(driver)
+        }  # fmt: skip
+
+    def not_here(self) -> list[str]:
+        """Words for each of `left_out`."""
+        return [f"{one.kind} {one.place}" for one in self.left_out]
 
     def rows(self) -> list[dict[str, Any]]:
         """What begins, one row of JSON values for each touch."""
@@ -101,6 +113,14 @@ def tell_rows(robot: Robot, rows: Sequence[Mapping[str, Any]]) -> None:
             few = f"only {100 * on_taxels:.0f} % of it falls on taxels"
             words = f"{few}; places with skin: tci touches {robot.name}"
             console.print(words, style="yellow", highlight=False, markup=False)
+
+
+def tell_left_out(robot: Robot, left_out: Sequence[str]) -> None:
+    """Prints which touches of a file have no place on this robot (`Asked.not_here`)."""
+    if left_out:
+        words = f"left out, since {robot.name} has no skin there: {', '.join(left_out)}"
+        words += f"; its places: tci touches {robot.name}"
+        console.print(words, style="yellow", highlight=False, markup=False)
 
 
 def felt_words(robot: Robot, patch: str, felt: float, asked: float) -> str:
@@ -141,7 +161,8 @@ def ask(
     body: GenericBody | None = None,
     joints: JointReading | None = None,
 ) -> Asked | None:
-    """The touches of both options on a robot; None if neither is given.
+    """The touches of both options on a robot; None if neither is given. Of a file those are left out at
+    whose place this robot has no skin, unless it has none for any of them: the same file is for all robots.
 
     Args:
         robot: the robot.
@@ -155,13 +176,33 @@ def ask(
     if not words and file is None:
         return None
     from tci.simulation.touching import people_for
-    from tci.touches.events import kinds_beside, read_touches
+    from tci.touches.events import kinds_beside
     from tci.touches.kinds import KINDS
     from tci.touches.planned_touch import plan
 
     body, kinds = body or GenericBody(robot), KINDS if file is None else kinds_beside(file)
-    read = () if file is None else read_touches(file, body=body, kinds=kinds)
-    planned = plan(body, [*read, *words], kinds=kinds, joints=joints)
+    here, left_out = ([], []) if file is None else _for_this_robot(file, body, kinds)
+    planned = plan(body, [*here, *words], kinds=kinds, joints=joints)
     laid = LaidTouches(body, planned)
     shares = tuple(laid.share(number) for number in range(len(planned)))
-    return Asked(robot, planned, shares, people_for(planned))
+    return Asked(robot, planned, shares, people_for(planned), tuple(left_out))
+
+
+def _for_this_robot(
+    file: Path, body: GenericBody, kinds: Mapping[str, Kind]
+) -> tuple[list[Touch], list[Touch]]:
+    """The touches of a file at places that this robot has, and those at places where it lacks skin."""
+    from tci.touches.events import read_touches
+
+    here, left_out = list[Touch](), list[Touch]()
+    for touch in read_touches(file, kinds=kinds):
+        try:
+            find_spot(body, touch.place)
+            here.append(touch)
+        except NoSkinError:
+            left_out.append(touch)
+        except TciError:
+            read_touches(file, body=body, kinds=kinds)  # raises it, with all other faults
+    if not here:
+        read_touches(file, body=body, kinds=kinds)
+    return here, left_out

@@ -89,10 +89,14 @@ def words_of(part: GenericPart, place: LimbPlace) -> str:
     return f"{part.side} {segment} {degrees(place.theta):.0f}deg {min(max(place.u, 0.0), 1.0):.2f}"
 
 
+class NoSkinError(TciError):
+    """Words name a place that other robots feel, and this one does not."""
+
+
 def find_spot(body: GenericBody, words: str, joints: JointReading | None = None) -> Spot:
     """The point of a robot's skin that `words` name, in the posture `joints` (by default the initial one).
 
-    Raises UnknownNameError with all places of this robot for words that name none of them, and TciError if
+    Raises UnknownNameError with all places of this robot for words that name no place, and NoSkinError if
     there is no skin at the point.
     """
     joints = joints or initial_joints(body)
@@ -188,10 +192,10 @@ def _word_spot(
         return max(found, key=lambda one: one[:2])[2]
     if known and (theta is not None or u is not None):
         where = f"{'' if theta is None else f'{degrees(theta):g}deg '}{'' if u is None else f'{u:g}'}".strip()
-        raise TciError(f"{body.robot.name} has no skin on {name!r} at {where}; valid: {_valid(body)}")
+        raise NoSkinError(f"{body.robot.name} has no skin on {name!r} at {where}; valid: {_valid(body)}")
     every = {words for side in ("left", "right") for row in ROWS for words in [row.words.format(side=side)]}
     if known or name in every or any(_fits(words, name) for words in every):
-        raise TciError(f"{body.robot.name} has no skin on {name!r}; valid: {_valid(body)}")
+        raise NoSkinError(f"{body.robot.name} has no skin on {name!r}; valid: {_valid(body)}")
     raise UnknownNameError("place", name, _valid_names(body))
 
 

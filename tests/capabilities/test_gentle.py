@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ import tci
 from helpers.gentled import Go, meet
 from tci.errors import CommandError, TciError
 from tci.messages import ExpectContact, GenericCommand, Mode, SwitchMode
+from tci.messages.frames import read_only
 from tci.testing import TouchedRobot
 
 
@@ -83,6 +86,31 @@ def test_it_declares_the_contact_that_it_handles_and_tells_it() -> None:
     assert "left_arm gives way" in gentle.notes(memory)[0]
     with pytest.raises(TciError, match=r"gentle: cap 40.0; valid: 1 to 30"):
         tci.Gentle(Go("left_arm", goal), cap=40.0)
+
+
+def test_it_gives_way_to_what_only_its_joints_bear() -> None:
+    """Somebody presses a link without skin ever harder: the arm goes away, with positive power for them."""
+    robot = TouchedRobot("g1")
+    pushed, power = np.array([3.0, -6.0, 0.0, 4.0, 0.0]), list[float]()
+    part, joints = robot.body.robot.part("left_arm"), robot.body.joint_maps["left_arm"]
+    gentle = tci.Gentle(Go(part.name, part.initial_posture + 0.05 * pushed))
+    memory = gentle.init(robot.body)
+    for step in range(80):
+        seen = robot.perceive()
+        assert seen.joints is not None
+        torque = np.full(len(seen.joints.position), 0.3)
+        torque[joints.servos] += (
+            max(0.0, 0.04 * (step - 40)) * joints.slope(seen.joints.position).T @ pushed[joints.ids]
+        )
+        orders, memory = gentle.step(
+            memory, replace(seen, joints=replace(seen.joints, torque=read_only(torque))), robot.body
+        )
+        move = orders[0]
+        assert isinstance(move, GenericCommand)
+        power.append(float(pushed @ move.values))
+    assert max(power[:40]) > 0.0, "it goes on while nobody pushes, whatever its weight"
+    assert power[-1] < -0.1
+    assert not seen.contacts
 
 
 def test_it_takes_positions_only() -> None:

@@ -255,6 +255,17 @@ class GenericBody:
         rate[own.ids] = own.slope(joints.position) @ np.nan_to_num(joints.velocity[own.servos])
         return rate
 
+    def effort(self, perception: Perception, part: str) -> Array | None:
+        """Measured torques (n,) [N m] of the generic joints of a part, weights included; 0 for joints that
+        the robot lacks, None where torques are not measured."""
+        joints, own = _joints(perception), self.joint_maps[self.robot.part(part).name]
+        if joints.torque is None or not np.isfinite(joints.torque[own.servos]).all():
+            return None
+        effort = np.zeros(own.fixed.shape)
+        slope = own.slope(joints.position)
+        effort[own.ids] = np.linalg.lstsq(slope.T, joints.torque[own.servos], rcond=None)[0]
+        return read_only(effort)
+
     def pace(self, perception: Perception, part: str, target: ArrayLike, people: Sequence[Struck]) -> Pace:
         """How fast `part` may move to `target` (n,) [rad] so that it strikes nobody in its way harder than
         `people` say, and the force [N] that no blow exceeds then."""

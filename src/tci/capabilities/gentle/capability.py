@@ -12,19 +12,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Generic
+from typing import Generic, NamedTuple
 
 import numpy as np
 
 from tci.body import GenericBody
+from tci.body.generic_body import slowed
 from tci.capabilities.capability import Capability, Memory
+from tci.capabilities.gentle.load import Load, bear
 from tci.capabilities.needs import Need
 from tci.capabilities.sway import Sway
 from tci.capabilities.wrapper import CapabilityWrapper
 from tci.errors import CommandError, TciError
 from tci.messages import (
     Command,
-    Contact,
     ExpectContact,
     GenericCommand,
     Mode,
@@ -65,8 +66,21 @@ HASTE = 0.08
 with half of it noise moves the arm, with double of it a hand is noticed late."""
 FASTEST = 0.4
 """Speed [m/s] of a hand up to which the arm goes along. Assumed: people who come faster strike."""
+LEVER = 0.08
+"""Least lever [m] of a push: joints say little of one that is nearer to the axes."""
 GAIN = 4.0
 """Speed per distance from the target [1/s]."""
+
+
+class Push(NamedTuple):
+    """A force on an arm."""
+
+    force: float
+    """[N]"""
+    into: Array
+    """Speed (n,) [m/rad] into who pushes for each joint's speed."""
+    frame: int
+    """Number of the frame that tells it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,8 +93,8 @@ class Partner:
     """When it was last felt [s]."""
     over: float
     """Since when the force is above the cap [s]; inf while it is not."""
-    sequence: int
-    """Number of the skin's frame."""
+    frame: int
+    """Number of the frame that told it."""
     way: float
     """How far the arm has gone into it [m]."""
     coming: float
@@ -111,6 +125,8 @@ class GentleMemory(Generic[Memory]):
     """Whom each arm met, by its name."""
     rates: Mapping[str, Array] = field(default_factory=dict)
     """Speeds (n,) [rad/s] that each arm was told last."""
+    loads: Mapping[str, Load | None] = field(default_factory=dict)
+    """What each arm bears."""
     said: tuple[str, ...] = ()
 
 
@@ -178,9 +194,10 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
                     f"gentle: {order.part} is commanded in another way than by positions; valid: position"
                 )
         elapsed = max(perception.stamp - memory.stamp, 0.0) if memory.stamp == memory.stamp else 0.0
-        met, rates, said = dict(memory.met), dict(memory.rates), []
+        met, rates, loads, said = dict(memory.met), dict(memory.rates), dict(memory.loads), []
         for part, target in targets.items():
-            own = [one for one in perception.contacts if one.part == part]
+            loads[part] = bear(loads.get(part), perception, body, part, delay=self.delay, elapsed=elapsed)
+            own = _pushes(part, loads[part], perception, body)
             after = self._meet(met.get(part), own, part, rates.get(part), elapsed, perception, body)
             if after is not None:
                 met[part] = after
@@ -193,7 +210,13 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
                     f"{part} gives way: {pressed:.0f} N are on it, and it presses with {self.cap:g} N"
                 )
         memory = replace(
-            memory, stamp=perception.stamp, targets=targets, met=met, rates=rates, said=tuple(said)
+            memory,
+            stamp=perception.stamp,
+            targets=targets,
+            met=met,
+            rates=rates,
+            loads=loads,
+            said=tuple(said),
         )
         return tuple(orders), memory
 
@@ -205,7 +228,7 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
         return (*super().notes(memory), *memory.said)
 
     def _meet(
-        self, met: Partner | None, own: list[Contact], part: str, rates: Array | None, elapsed: float,
+        self, met: Partner | None, own: list[Push], part: str, rates: Array | None, elapsed: float,
         perception: Perception, body: GenericBody,
     ) -> Partner | None:  # fmt: skip
         """What is known of whom the arm meets, after this instant."""
@@ -213,8 +236,7 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
         if not own:
             return met
         force = np.array([one.force for one in own])
-        pushes = np.array([body.jacobian(perception, one).T @ one.n_T for one in own])
-        into = force @ pushes / float(force.sum())
+        into = force @ np.array([one.into for one in own]) / float(force.sum())
         rate = float(into @ body.rate(perception, part))
         if met is None or now - met.felt > LEARNT:
             met = Partner(0.0, now, np.inf, -1, 0.0, 0.0, False, 0.0, ())
@@ -222,8 +244,8 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
         told_way = met.told + (0.0 if rates is None else max(float(into @ rates), 0.0) * elapsed)
         if now - met.felt > self.delay:
             frames = ()
-        sequence = max(one.sequence for one in own)
-        if sequence == met.sequence:
+        frame = max(one.frame for one in own)
+        if frame == met.frame:
             return replace(met, felt=now, way=way, told=told_way)
         total = float(force.sum())
         if not frames:  # it touched since the frame before; who was stiff may be a hand that comes
@@ -249,10 +271,10 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
         stiffness = float(np.clip(stiffness, SOFT, STIFF)) if stiffness else 0.0
         recent = table[now - table[:, 0] <= HASTE]
         coming = _coming(recent, stiffness or STIFF)
-        return Partner(stiffness, now, over, sequence, way, coming, comes or met.comes, told_way, frames)
+        return Partner(stiffness, now, over, frame, way, coming, comes or met.comes, told_way, frames)
 
     def _move(
-        self, part: str, target: GenericCommand, own: list[Contact], met: Partner | None,
+        self, part: str, target: GenericCommand, own: list[Push], met: Partner | None,
         perception: Perception, body: GenericBody,
     ) -> tuple[GenericCommand, ExpectContact]:  # fmt: skip
         """Towards the target as far as the cap permits, or away."""
@@ -272,11 +294,33 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
             if stiff or (met is not None and met.stiffness == 0.0):
                 # it stands, so what rises is not of its making
                 most = [min(one, 0.0) for one in most]
-            want = body.yield_to(perception, own, want, most)
+            want = slowed(want, np.array([one.into for one in own]), most)
         return (
             GenericCommand(part, Mode.VELOCITY, read_only(want), target.speed),
             ExpectContact(part, EXPECTED),
         )
+
+
+def _pushes(part: str, load: Load | None, perception: Perception, body: GenericBody) -> list[Push]:
+    """What pushes a part: as its skin feels it and, where this is more or skin feels nothing, as its joints
+    bear it."""
+    found = [
+        Push(one.force, body.jacobian(perception, one).T @ one.n_T, one.sequence)
+        for one in perception.contacts
+        if one.part == part
+    ]
+    if load is None or not load.more.any():
+        return found
+    if not found:
+        lever = 0.5 * sum(one.length for one in body.robot.part(part).segments) or 0.25
+        force = float(np.linalg.norm(load.more)) / lever
+        return [Push(force, read_only(load.more / force), round(1e6 * perception.stamp))]
+    strongest = max(range(len(found)), key=lambda k: found[k].force)
+    into = found[strongest].into
+    borne = float(load.more @ into) / max(float(into @ into), LEVER**2)
+    if borne > found[strongest].force:
+        found[strongest] = found[strongest]._replace(force=borne)
+    return found
 
 
 def _first_guess(frames: Array, delay: float) -> float:

@@ -1,0 +1,72 @@
+"""What an arm bears by its measured torques: the second witness of a push, also on links without skin.
+
+What it bears slowly, such as its weight, counts as its own, and dry friction is taken off. The place of a
+push is unknown, but not needed: the arm gives way in its joints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tci.body import GenericBody
+from tci.messages import Perception
+from tci.messages.frames import Array, read_only
+
+FRICTION = 0.1
+"""Fraction of a joint's torque limit that tells nothing: dry friction of 5 % that turned."""
+SETTLES, FORGETS = 0.5, 2.0
+"""Time constants [s] with which an arm takes what it bears for its own: while nothing pushes, and while
+something seems to, as a weight that it took up would."""
+EVEN = 0.03
+"""Change of speed [rad/s] within the delay above which torques tell of the arm's own motion: what they tell
+then is its own, unless something pushes it already."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Load:
+    """What one arm bears."""
+
+    own: Array
+    """Torques (n,) [N m] of its generic joints that are its own."""
+    more: Array
+    """What it bears beyond them (n,) [N m], along the way into whoever pushes it."""
+    seen: tuple[tuple[float, Array, Array], ...]
+    """Time [s], speeds (n,) [rad/s] and torques (n,) [N m] within the delay: single ones tell nothing."""
+
+
+def bear(
+    load: Load | None, perception: Perception, body: GenericBody, part: str, *, delay: float, elapsed: float
+) -> Load | None:
+    """What a part bears after this instant; None if its torques are not measured.
+
+    Args:
+        load: before.
+        perception: what is felt now.
+        body: the robot's body.
+        part: generic part.
+        delay: from a force to the motion that answers it [s].
+        elapsed: since the instant before [s].
+    """
+    effort = body.effort(perception, part)
+    if effort is None:
+        return None
+    rate, now = body.rate(perception, part), perception.stamp
+    if load is None:
+        return Load(effort, read_only(np.zeros(effort.shape)), ((now, rate, effort),))
+    seen = (*(one for one in load.seen if now - one[0] <= delay), (now, rate, effort))
+    effort = read_only(np.mean([one[2] for one in seen], axis=0))
+    if max(float(np.abs(rate - one[1]).max()) for one in seen) > EVEN:
+        return replace(load, own=load.own if load.more.any() else effort, seen=seen)
+    beyond = effort - load.own
+    more = np.sign(beyond) * np.maximum(np.abs(beyond) - _friction(body, part), 0.0)
+    share = 1.0 - np.exp(-elapsed / (FORGETS if more.any() else SETTLES))
+    return Load(read_only(load.own + share * beyond), read_only(more), seen)
+
+
+def _friction(body: GenericBody, part: str) -> Array:
+    """Torques (n,) [N m] of the generic joints that tell nothing; infinite where no limit is known."""
+    servos = [one.servo for one in body.robot.part(part).servos]
+    limits = [None if servo is None else body.robot.servos[servo].limits.torque for servo in servos]
+    return FRICTION * np.array([np.inf if one is None else one for one in limits])

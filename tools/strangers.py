@@ -7,7 +7,8 @@ list, and what is on PyPI is downloaded to DIR/pypi. Each model goes through new
 check --simulate and the five lines of the README. Then the description is compared with the list,
 written by hand, and with MuJoCo (MJCF) or Pinocchio (URDF) on the untouched file: poses of the arms'
 links (0.01 degrees, 0.1 mm), limits, masses (0.1 %). If new-robot refuses a model and names an option, the
-option is tried with the value of the list; that is one more line in the result. Where no skin is on an arm,
+option is tried with the value of the list; that is one more line in the result. If it names numbers of the
+file, a copy with these is tried too and told, but the model counts as refused. Where no skin is on an arm,
 the five lines run after --sleeves. --quick leaves out what is simulated: check --simulate and the five
 lines. Results stay in OUT/strangers/NAME.json; --table makes docs/tables/strangers.md of all of them.
 """
@@ -29,6 +30,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pinocchio
+from advice import followed
 from report import ROOT, TABLES, commit, markdown, out
 
 from tci.capabilities.capability import lacks
@@ -252,6 +254,9 @@ def try_one(line: dict[str, Any], folder: Path, *, quick: bool) -> dict[str, Any
     if not file.is_file():
         return result | {"missing": str(file)}
     told, result["options"], result["refusals"] = _proposed(line, file, target)
+    if told is None and (copied := followed(file, result["refusals"][-1])) is not None:
+        mended = line | {"file": str(Path(line["file"]).with_name(copied[0].name))}
+        result["advised"] = {"what": copied[1]} | try_one(mended, folder, quick=quick)
     if told is not None:
         result["told"] = told
         robot = read_robot(target)
@@ -361,9 +366,18 @@ def _what(result: dict[str, Any]) -> str:
     if "missing" in result:
         return f"not there: {result['missing']}"
     if "told" not in result:
-        return f"refused: {result['refusals'][-1]}"
+        return f"refused: {result['refusals'][-1]}{_advised(result.get('advised'))}"
     faults = _faults(result)
     return "; ".join([*faults, f"five lines: {result['five_lines']}"] if result["ran"] is False else faults)
+
+
+def _advised(after: dict[str, Any] | None) -> str:
+    """What comes of the advice of a refusal."""
+    if after is None or "told" not in after:
+        return "" if after is None else f"; its advice does not work: {_what(after)}"
+    ran = "" if after["ran"] is None else f", the five lines {'moved' if after['ran'] else 'failed'}"
+    proved = "" if not after["simulated"] else f", check --simulate: {_short(after['simulated']['faults'])}"
+    return f"; with its advice, {after['what']}: proposed{proved}{ran}"
 
 
 def table(lines: Sequence[dict[str, Any]], results: dict[str, dict[str, Any]]) -> None:

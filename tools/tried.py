@@ -108,6 +108,8 @@ class TriedRobot:
     proved: bool = False
     answered: int = 0
     pokes: int = 0
+    unanswered: list[str] = field(default_factory=list)
+    """Why no reflex answers the patches, by part, of a robot on which none is answered."""
     failed: str = ""
     """Command that failed or exceeded the time limit."""
     seconds: float = 0.0
@@ -123,7 +125,7 @@ class TriedRobot:
             return (*start, *[""] * 5, f"refused: {words}", *[""] * 3)
         proposed = "right" if not self.wrong else f"**wrong**: {'; '.join(self.wrong)}"
         check = "proved" if self.proved else f"{len(self.faults)} faults: {_short(self.faults)}"
-        demo = f"{self.answered} of {self.pokes}"
+        demo = ": ".join(filter(None, [f"{self.answered} of {self.pokes}", "; ".join(self.unanswered)]))
         if self.failed:
             check, demo = (self.failed, "") if self.failed.startswith("check") else (check, self.failed)
         return (*start, *self.joints, proposed, " ".join(self.edits) or "none", check, demo)
@@ -131,6 +133,16 @@ class TriedRobot:
 
 def _short(faults: Sequence[str]) -> str:
     return "; ".join(dict.fromkeys(fault.split(";")[0] for fault in faults[:3])) if faults else ""
+
+
+def _unanswered(patches: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The parts of the patches that no reflex answers, with the reason."""
+    parts: dict[str, dict[str, None]] = {}
+    for one in patches:
+        if not one["answered"]:
+            why = one["reason"].partition(" does not move: ")[2].partition(";")[0]
+            parts.setdefault(why or "no reflex has a field there", {})[one["part"]] = None
+    return [f"{', '.join(own)}: {why}" for why, own in parts.items()]
 
 
 def of_package(package: str) -> Iterator[Candidate]:
@@ -187,6 +199,8 @@ def try_robot(candidate: Candidate, folder: Path, limit: float) -> TriedRobot:
     else:
         tried.answered = sum(trial["responded"] for trial in shown["trials"])
         tried.pokes = len(shown["trials"])
+        if checked is not None and not tried.answered:
+            tried.unanswered = _unanswered(checked["simulated"]["patches"])
     tried.seconds = round(time.perf_counter() - begin, 1)
     if candidate.package is None:
         target.unlink()

@@ -67,10 +67,10 @@ def main() -> int:
     parser.add_argument("robots", nargs="*", default=(*robot_names(), ONE_PATCH))
     given, faults = parser.parse_args(), 0
     with TemporaryDirectory() as folder:
-        out = Path(folder) / "out"
-        out.mkdir()
         patch = str(write_one_patch(Path(folder) / ONE_PATCH))
         for robot in given.robots:
+            out = Path(folder) / f"out-{robot}"
+            out.mkdir()
             for name, status, unnamed, said in judged(patch if robot == ONE_PATCH else robot, out):
                 wrong = bool(status or unnamed)
                 told = f"does not name {', '.join(unnamed)}" if unnamed else "names all parts without skin"

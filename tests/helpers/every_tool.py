@@ -24,8 +24,8 @@ PROGRAM = "import sys; from tci.cli.main import main; sys.argv[0] = 'tci'; main(
 EPISODE = """import sys; from tci.learn import TouchEnv; import numpy as np
 env = TouchEnv(sys.argv[1]); env.reset(seed=0)
 for _ in range(20): env.step(np.zeros(env.action_space.shape, np.float32))
-env.close()"""
-"""An episode that begins with a touch, of an environment as users make it."""
+env.close(); print(*env.without_skin, sep="; ")"""
+"""An episode that begins with a touch, and what the environment says of parts without skin."""
 Tool = Callable[[str, Path], tuple[str, ...]]
 
 

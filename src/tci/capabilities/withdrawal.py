@@ -45,6 +45,10 @@ from tci.robot.generic_arm import JOINTS, SEGMENTS
 
 INITIAL = read_only(np.deg2rad([25.0, 25.0, 0.0, 60.0, 0.0]))
 """Generic angles (5,) [rad] of an arm whose posture isn't told: the packaged robots' initial posture."""
+SHOULDER = 0.5
+"""Place along an upper arm up to which the skin moves otherwise than on the generic arm: it is nearer to the
+axes of the shoulder, which may not meet. On TIAGo it is 0.28; at 0.77 of Talos such an answer differs by 7.5
+degrees from its neighbours'."""
 MODES = (Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE)
 """Control modes in which the reflex can run."""
 
@@ -202,8 +206,8 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     def _others(
         self, perception: Perception, body: GenericBody, part: str, refused: Response, answers: Sequence[int]
     ) -> Iterator[list[Response]]:
-        """Blends of the same fields in the place of a refused one: beside it, then, for upper arms and arms
-        that stand alone, those for their own skin. These differ more between neighbouring places."""
+        """Blends of the same fields in the place of a refused one: beside it, then, near shoulders and on
+        arms that stand alone, those for their own skin. These differ more between neighbouring places."""
         motions, arm = (
             self._motions[[one.segment == refused.name for one in self._used]],
             body.robot.part(part),
@@ -211,7 +215,8 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         asked, long = np.array(refused.motion), arm.segment(refused.name).length >= SHORT
         if long:
             yield _responses(refused.name, beside(asked, np.abs(motions).max(axis=0)))
-        if arm.stands_alone or (long and refused.name == "upper_arm"):
+        near = refused.name == "upper_arm" and all(perception.contacts[k].u < SHOULDER for k in answers)
+        if arm.stands_alone or (long and near):
             for mixed in on_own_skin(
                 perception, body, part, motions, answers, refused=asked, turns=not arm.stands_alone
             ):

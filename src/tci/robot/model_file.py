@@ -56,7 +56,10 @@ def load_spec(model: Model) -> mujoco.MjSpec:
         _mend_masses(spec)
     except (ValueError, etree.XMLSyntaxError) as error:
         words = " ".join(str(error).split())
-        message = f"not a readable {model.format} model: {words}; valid: a file that MuJoCo reads"
+        valid = "a file that MuJoCo reads"
+        if "repeated name" in words:
+            valid = "names of their own: rename or remove the element in that line, then try again"
+        message = f"not a readable {model.format} model: {words}; valid: {valid}"
         raise DescriptionError(model.path, [Fault(0, message)]) from error
     if model.format == "mjcf" and _shapes_weigh(spec):
         _set_inertias(spec, model)

@@ -31,6 +31,9 @@ CLEAR = np.deg2rad(25.0)
 """Least difference [rad] between the ranges of a finger in its two directions. If the ranges differ by more
 than this value, the finger bends in the direction with the larger range. Otherwise the bending direction is
 in doubt."""
+HARDLY = np.deg2rad(6.0)
+"""Largest bend [rad] of a finger that no hand has: 360 degrees that were written in radians are read as 6.3
+degrees by an MJCF without `<compiler angle="radian"/>`."""
 APART = 0.1
 """For each finger, the least cosine between the bending axes of two other fingers is computed. The finger
 with the largest result is the thumb, if the second largest result is smaller by more than this number.
@@ -61,6 +64,11 @@ _NAMES = {
 
 class DoubtfulFingersError(Exception):
     """Fingers that can't be identified by place and names; the message lists these fingers."""
+
+    def __init__(self, message: str, *, hardly_bends: bool = False) -> None:
+        """`hardly_bends` is True if a finger's range is so small that its file may count in another unit."""
+        super().__init__(message)
+        self.hardly_bends = hardly_bends
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,6 +187,10 @@ def _finger(
     lower, upper = np.sum(limits, axis=0)
     if abs(upper + lower) < CLEAR:
         names = ", ".join(joints[one].name for one in flexion)
+        bends = max(upper, -lower)
+        if bends < HARDLY:
+            message = f"the ranges of {names} bend a finger by {np.rad2deg(bends):.2g} degrees at most"
+            raise DoubtfulFingersError(message, hardly_bends=True)
         raise DoubtfulFingersError(f"the limits of {names} leave open in which direction they bend a finger")
     sense = 1.0 if upper > -lower else -1.0
     axis, base = sense * last, joints[flexion[0]].anchor

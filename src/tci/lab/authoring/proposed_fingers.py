@@ -53,6 +53,7 @@ def find_hands(
         able = [one for one in get_args(Trust) if _finds(body, facts, ends, one)]
         if body.hand is not None:  # without fingers, nothing would be left of it
             ways = [f"--fingers {one}" for one in able if one != "none"]
+            ways += ['in an MJCF with ranges in radians <compiler angle="radian"/>'] * doubt.hardly_bends
             valid = "a model whose joints bend each finger farther to the palm than back"
             message = f"{doubt}; valid: {' or '.join([*ways, valid])}"
         else:
@@ -64,6 +65,10 @@ def find_hands(
 class _DoubtfulHandError(Exception):
     """Fingers of one hand that can't be identified."""
 
+    def __init__(self, side: Side, doubt: DoubtfulFingersError) -> None:
+        super().__init__(f"fingers of the {side} hand: {doubt}")
+        self.hardly_bends = doubt.hardly_bends
+
 
 def _find(
     body: FoundLimbs, facts: Mapping[str, JointFacts], ends: Mapping[Side, Mapping[int, Array]],
@@ -74,7 +79,7 @@ def _find(
         try:
             found = find_fingers(body.joints, start, side, facts, ends[side], trust=trust)
         except DoubtfulFingersError as doubt:
-            raise _DoubtfulHandError(f"fingers of the {side} hand: {doubt}") from None
+            raise _DoubtfulHandError(side, doubt) from None
         if found:
             hands[side] = found
     return hands
@@ -211,11 +216,28 @@ def _flexion(bends: Sequence[tuple[float, _Drive]]) -> tuple[dict[int, float], f
         slope = sign * drive.multiplier
         reach = max(slope * (limits.lower or 0.0), slope * (limits.upper or 0.0))
         ranges.setdefault(drive.servo.index, (slope, reach))
+    if min(reach for _, reach in ranges.values()) <= 0.0:  # at the model's zero it is bent, not straight
+        return _from_open([drive for _, drive in bends], {one: slope for one, (slope, _) in ranges.items()})
     first = next(iter(ranges.values()))[1]
     turn = {servo: reach / first / slope for servo, (slope, reach) in ranges.items()}
     total = sum(angle**2 for angle in turn.values())
     offset = bends[0][0] * bends[0][1].offset if len(turn) == 1 else 0.0
     return {servo: round(angle / total, 9) for servo, angle in turn.items()}, offset
+
+
+def _from_open(drives: Sequence[_Drive], slopes: Mapping[int, float]) -> tuple[dict[int, float], float]:
+    """Factors and offset as `_flexion`, of a finger that is straight where its joints are open. `slopes` are
+    the signs and ratios by which its servos bend it, by their index."""
+    limits = {drive.servo.index: drive.servo.limits for drive in drives}
+    ends = {
+        servo: sorted(slope * (end or 0.0) for end in (limits[servo].lower, limits[servo].upper))
+        for servo, slope in slopes.items()
+    }
+    first = np.ptp(next(iter(ends.values())))
+    turn = {servo: float(np.ptp(ends[servo])) / first / slope for servo, slope in slopes.items()}
+    total = sum(angle**2 for angle in turn.values())
+    factors = {servo: round(angle / total, 9) for servo, angle in turn.items()}
+    return factors, -sum(factors[servo] * ends[servo][0] / slope for servo, slope in slopes.items())
 
 
 def _generic(

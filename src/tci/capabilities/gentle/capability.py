@@ -81,6 +81,8 @@ class Push(NamedTuple):
     """Speed (n,) [m/rad] into who pushes for each joint's speed."""
     frame: int
     """Number of the frame that tells it."""
+    on_skin: bool = True
+    """Whether skin feels it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -268,6 +270,8 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
         comes = _comes(table, self.delay)
         if comes:
             stiffness = min(stiffness, HAND)
+        if not any(one.on_skin for one in own):  # joints tell no stiffness; their friction would make it high
+            stiffness = min(stiffness or HAND, HAND)
         stiffness = float(np.clip(stiffness, SOFT, STIFF)) if stiffness else 0.0
         recent = table[now - table[:, 0] <= HASTE]
         coming = _coming(recent, stiffness or STIFF)
@@ -314,7 +318,7 @@ def _pushes(part: str, load: Load | None, perception: Perception, body: GenericB
     if not found:
         lever = 0.5 * sum(one.length for one in body.robot.part(part).segments) or 0.25
         force = float(np.linalg.norm(load.more)) / lever
-        return [Push(force, read_only(load.more / force), round(1e6 * perception.stamp))]
+        return [Push(force, read_only(load.more / force), round(1e6 * perception.stamp), on_skin=False)]
     strongest = max(range(len(found)), key=lambda k: found[k].force)
     into = found[strongest].into
     borne = float(load.more @ into) / max(float(into @ into), LEVER**2)

@@ -82,7 +82,8 @@ def submit(
     sweep: Sweep, shards: int, *, cluster: str = "slurm", workers: int = 1, minutes: int = 60,
     options: Mapping[str, str] | None = None, tell: Callable[[str], None] = lambda words: None,
 ) -> Array:  # fmt: skip
-    """Starts those of `shards` shards that are not done, after one job has compiled TCI's loops.
+    """Starts those of `shards` shards that are not done, once TCI's loops are compiled: by one job, where
+    tasks run elsewhere.
 
     Args:
         sweep: its folder must be the same one on all nodes.
@@ -106,9 +107,11 @@ def submit(
             name="tci", timeout_min=minutes, cpus_per_task=workers,
             **{f"slurm_{name}": _number(value) for name, value in (options or {}).items()},
         )  # fmt: skip
-        tell("one job compiles TCI's loops, before the others start")
-        first = executor.submit(compile_loops)
-        first.result()
+        if cluster == "local":  # the tasks share this machine, and so what it has compiled
+            compile_loops()
+        else:
+            tell("one job compiles TCI's loops, before the others start")
+            executor.submit(compile_loops).result()
         tasks = executor.map_array(_Task(sweep, workers), missing)
     except (RuntimeError, NameError, ValueError, OSError) as error:
         raise CommandError(f"{cluster}: {_said(error)} (output: {sweep.folder / 'tasks'})") from error

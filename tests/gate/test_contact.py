@@ -54,6 +54,7 @@ class Held:
     def __init__(self, *, at: float = 0.5, settings: GateSettings = ANSWERS) -> None:
         self.gate = Gate(make_robot(), period=PERIOD, stale_after=0.05, settings=settings, streams=True)
         self.angles, self.at, self.now = np.zeros(6), at, 0.0
+        self.behind = -np.inf
         self.hand = np.zeros(6)
         """How far [rad] somebody, or gravity, bends each joint."""
         self.told: list[str] = []
@@ -65,7 +66,7 @@ class Held:
         safe = self.gate.step(orders, seen, self.now, contacts=contacts)
         self.safe = safe
         self.angles[safe.servos] = safe.position + self.hand[safe.servos]
-        self.angles[2] = min(self.angles[2], self.at)
+        self.angles[2] = np.clip(self.angles[2], self.behind, self.at)
         self.told += [one.text for one in safe.clamped if one.code is Code.CONTACT]
         self.refused += [one.code for one in safe.refusals]
         self.now += PERIOD
@@ -165,6 +166,32 @@ def test_where_no_path_is_left_the_reference_goes_beyond_the_joint_so_that_nothi
     assert max(forces[noticed + round(0.5 / PERIOD) :]) < 1e-6
 
 
+def test_a_way_back_ends_where_skin_began_to_feel_not_where_the_arm_was_long_before() -> None:
+    """So it strikes others who stand behind it less, and later."""
+    held, fastest = Held(), 0.0
+    held.step(position_command([2], [1.5]))
+    while not held.told:
+        fastest = max(fastest, float(held.safe.velocity[0]))
+        held.step(contacts=pressed(30.0) if held.angles[2] > 0.48 else None)
+    for _ in range(400):
+        held.step()
+    assert held.at - held.sent[2] > np.deg2rad(2.5), "somebody 5 mm deep is free"
+    assert held.at - held.sent[2] < 0.08 * fastest + np.deg2rad(3.5)
+
+
+def test_a_joint_that_its_way_back_pressed_against_somebody_else_is_not_thrown_at_the_first() -> None:
+    held = Held()
+    held.step(position_command([2], [1.5]))
+    while not held.told:
+        held.step()
+    held.behind = held.at - np.deg2rad(1.5)
+    sent = [held.step()[0] for _ in range(1000)]
+    assert min(sent) < held.behind - np.deg2rad(1.0), "its reference ran on"
+    after = np.array(sent[int(np.argmin(sent)) :])
+    assert after.max() < held.at, "the first is pressed again"
+    assert np.abs(after[round(0.3 / PERIOD) :] - held.behind).max() < np.deg2rad(0.5)
+
+
 def test_without_the_answer_it_presses_for_ever() -> None:
     held = Held(settings=ALONE)
     held.step(position_command([2], [1.5]))
@@ -234,7 +261,7 @@ def test_a_way_back_does_not_go_on_without_joint_data() -> None:
     held.step(position_command([2], [1.5]))
     while not held.told:
         held.step()
-    while held.sent[2] > held.at:
+    while held.safe.velocity[0] >= 0.0:
         held.step()
     goal, begun = held.gate.targets[0], held.sent[2]
     for _ in range(300):

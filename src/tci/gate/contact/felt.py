@@ -6,6 +6,8 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import numpy as np
+
 from tci.messages import Contacts
 from tci.messages.frames import Array
 
@@ -37,6 +39,8 @@ class Felt:
     """Largest force [N]."""
     made: float = 0.0
     """Largest force [N] of contacts that the group's own motion made or raised."""
+    since: float = np.inf
+    """When the first of these was felt or raised [s]."""
     contacts: Mapping[int, FeltContact] = field(default_factory=dict)
     """By their identities."""
     own: frozenset[int] = frozenset()
@@ -63,6 +67,8 @@ class _Known:
     made_by: frozenset[int]
     rest: Mapping[int, float]
     """Force [N] when the group last rested."""
+    since: float
+    """When it was felt, or raised by another group, first [s]."""
 
 
 class FeltForces:
@@ -74,8 +80,8 @@ class FeltForces:
         self._parts, self._moves = parts, moves
         self._known: dict[int, _Known] = {}
 
-    def step(self, contacts: Contacts | None) -> dict[int, Felt]:
-        """What each group feels; empty if that is unknown, because frames did not fit."""
+    def step(self, contacts: Contacts | None, now: float) -> dict[int, Felt]:
+        """What each group feels at `now` [s]; empty if that is unknown, because frames did not fit."""
         if contacts is None:
             return {}
         known, found = self._known, dict[int, Felt]()
@@ -91,19 +97,21 @@ class FeltForces:
         )
         for part, identity, force, normal, point in rows:
             groups = self._parts.get(part, ())
-            now = self._known[identity] = self._look_at(known.get(identity), force, groups)
+            now_known = self._known[identity] = self._look_at(known.get(identity), force, groups, now)
             for group in groups:
-                before, own = found.get(group, Felt()), group in now.made_by
+                before, own = found.get(group, Felt()), group in now_known.made_by
                 made = force if own else 0.0
                 all_of_it = {**before.contacts, identity: FeltContact(force, normal, point)}
                 mine = before.own | {identity} if own else before.own
-                found[group] = Felt(max(before.force, force), max(before.made, made), all_of_it, mine)
+                since = min(before.since, now_known.since) if own else before.since
+                found[group] = Felt(max(before.force, force), max(before.made, made), since, all_of_it, mine)
         return found
 
-    def _look_at(self, known: _Known | None, force: float, groups: Collection[int]) -> _Known:
+    def _look_at(self, known: _Known | None, force: float, groups: Collection[int], now: float) -> _Known:
         moving = frozenset([group for group in groups if self._moves(group)])
         if known is None:
-            return _Known(moving, dict.fromkeys(groups, force))
+            return _Known(moving, dict.fromkeys(groups, force), now)
         raised = {group for group in moving if force > known.rest.get(group, force) + RAISED}
         rest = {group: known.rest.get(group, force) if group in moving else force for group in groups}
-        return _Known(known.made_by | raised, rest)
+        since = known.since if raised <= known.made_by else now
+        return _Known(known.made_by | raised, rest, since)

@@ -141,6 +141,12 @@ class Following:
         known: NDArray[np.bool_] = self._moved >= ENOUGH
         return known
 
+    @property
+    def lags(self) -> Array:
+        """Time (n_servos,) [s] by which a joint lags at most that nothing holds."""
+        found: Array = np.where(self.learned, MORE * self._longest + LATER, self._lag)
+        return found
+
     def learn(self, joints: JointReading, reference: Reference) -> None:
         """Notes by which time each joint lags whose reference moves; nothing was in contact for `SURE`."""
         if not self._known or not (np.abs(reference.velocity) > FAST).any():
@@ -171,7 +177,7 @@ class Following:
         since, there = self._read(joints)
         passed = joints.stamp - since
         times, rows = self._past.times, self._past.rows
-        longest = np.where(self.learned, MORE * self._longest + LATER, self._lag) + 0.5 * self._tried[1]
+        longest = self.lags + 0.5 * self._tried[1]
         tried = self._tried if self._known else np.empty(0)
         low, high = np.empty((2, len(longest)))
         find_span(times, rows, joints.stamp - self._lag, joints.stamp, tried, longest, low, high)

@@ -21,9 +21,10 @@ AT_REST = 0.6
 """Fraction of `held` at which a joint counts as held once its reference has rested for `lag` and a little:
 nothing lags then, so less tells more."""
 EARLIER = 0.15
-"""Time [s] by which the way back ends before the contact was seen: by then the joint was not held yet."""
+"""Longest time [s] by which the way back ends before the contact was seen: by then the joint was not held
+yet."""
 SOONER = 0.05
-"""The same [s] if a joint bears more: it does within a few readings of the contact."""
+"""The same [s] for what is noticed within a few readings or frames: a joint bears more, or skin feels."""
 SIGN = 0.2
 """Fraction of the torque that counts from which on its sign tells where somebody is: more than noise."""
 TWICE = 2
@@ -68,6 +69,12 @@ class Seen(NamedTuple):
         whole[self.reference.servos] = self.reference.velocity
         found: Array = whole[self.servos] / max(float(np.abs(whole[self.servos]).max()), 1e-9)
         return found
+
+    @property
+    def fastest(self) -> float:
+        """Largest speed [rad/s] of its references."""
+        mine = np.isin(self.reference.servos, self.servos)
+        return float(np.abs(self.reference.velocity[mine]).max(initial=0.0))
 
     @property
     def worst(self) -> int:
@@ -115,6 +122,8 @@ class Noticing:
     """Successive readings that show something."""
     since: float = 0.0
     """When the first of them was measured [s]."""
+    early: float = EARLIER
+    """Time [s] from a contact until it is seen."""
     clear: float = -np.inf
     """When nothing held any of its joints last [s]."""
     bears: bool = False
@@ -133,6 +142,8 @@ class Noticing:
         self.outside = self.outside + 1 if self.held or bent or self.bears else 0
         if self.outside == 1:
             self.since = seen.joints.stamp
+            # a joint counts as held once its reference went on by that
+            self.early = min(EARLIER, SOONER + settings.held / max(seen.fastest, 1e-9))
 
     def nothing(self, stamp: float) -> None:
         """Notes a reading in which every joint is near its reference."""
@@ -146,6 +157,6 @@ class Noticing:
         return self.outside >= TWICE
 
     def before(self, lag: float) -> float:
-        """Time [s] at which nothing was met yet."""
-        early = SOONER if self.bears and not self.held else EARLIER
+        """Time [s] at which nothing was met yet. A held joint may have lagged by `lag` [s] before."""
+        early = SOONER if self.bears and not self.held else self.early
         return min(self.since - early, self.clear - lag * (not self.bears))

@@ -65,6 +65,14 @@ class First:
         first, another = seen.felt.other_than(self._contacts)
         return self._behind >= TWICE or another > max(felt, first)
 
+    def presses_another(self, seen: Seen, held: float) -> bool:
+        """True if, after a way back, a joint is held, by `held` [rad], on the far side from the first: its
+        reference ran on against somebody else while it braked."""
+        towards = (self._there - seen.here)[seen.place]
+        pull = seen.pull[seen.place]
+        fresh = self._away is None and pull * self._pull[seen.place] <= 0.0
+        return bool(fresh and pull * towards < 0.0) and seen.error > max(held, seen.excused)
+
     def bends_more(self, seen: Seen, held: float) -> bool:
         """True if the latest way back, which is over, bent a joint that nobody commands further, by `held`
         [rad]."""

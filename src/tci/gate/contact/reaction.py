@@ -20,7 +20,7 @@ from tci.gate.contact.bearing import Bearing
 from tci.gate.contact.felt import Felt, FeltContact, FeltForces
 from tci.gate.contact.following import CLEAR, PROGRESS, Following
 from tci.gate.contact.group import Group, Way, make_groups
-from tci.gate.contact.noticing import EARLIER, SIGN, Seen, bounds
+from tci.gate.contact.noticing import SIGN, SOONER, Seen, bounds
 from tci.gate.contact.others import First
 from tci.gate.contact.path import STEP
 from tci.gate.contact.settings import ContactSettings
@@ -45,6 +45,8 @@ from tci.robot.joint_calibration import Tool
 
 SETTLES = 0.12
 """Time [s] after the end of a way back at which a joint is judged: it lags by less."""
+SETTLED = 0.02
+"""The same [s] beyond the lag of joints that is known."""
 FREES = float(np.deg2rad(10.0))
 """Speed [rad/s] with which `free` moves: slow enough to be stopped by hand."""
 OFTEN, WITHIN = 3, 10.0
@@ -160,7 +162,7 @@ class ContactReaction:
         if joints.stamp <= self._stamp:
             return [], []
         self._stamp = joints.stamp
-        felt, self._contacts = self._forces.step(contacts), contacts
+        felt, self._contacts = self._forces.step(contacts, joints.stamp), contacts
         if contacts is not None:  # while frames do not fit it goes on standing
             self._soles = self._balance.loaded(contacts)
         freeing, self._freeing = self._freeing, False
@@ -243,9 +245,9 @@ class ContactReaction:
             elif not noticing.held:
                 servo, angle = self._robot.servos[seen.loosest].name, np.rad2deg(seen.bent)
                 what = f"{servo}, which nobody commands, is bent by {angle:.1f} degrees"
-            before, pulled = noticing.before(self._settings.lag), True
+            before, pulled = noticing.before(float(self._following.lags[seen.worst])), True
         elif seen.felt.made > max(self._settings.felt, allowed):
-            before = seen.joints.stamp - EARLIER
+            before = seen.felt.since - SOONER
         elif freeing and (noticing.held or seen.felt.force > LIGHT):
             before, pulled, group.slow = np.inf, noticing.held, True
         else:
@@ -357,7 +359,8 @@ class ContactReaction:
                 return None
             return self._leave(group, seen)
         group.since = min(group.since, self._now)
-        if self._now - group.since < SETTLES:
+        lag = float(self._following.lags[seen.servos[seen.own]].max())
+        if self._now - group.since < min(SETTLES, lag + SETTLED):
             return None
         clear = CLEAR * settings.held
         group.sag.look(self._references(group, seen), here, seen.weights)
@@ -380,7 +383,8 @@ class ContactReaction:
                 return None if np.abs(here - group.goal).max() < STEP else group.goes(here)
             group.thing = None
             if group.answer == "retreat" or group.slow:
-                if bent and not held and group.first.bends_more(seen, settings.held):
+                further = bent and not held and group.first.bends_more(seen, settings.held)
+                if further or group.first.presses_another(seen, settings.held):
                     return self._leave(group, seen)
                 if behind:
                     leaves = group.first.steps > 0

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def find(
-    model: Annotated[Path, typer.Argument(help="URDF, MJCF or SDF file. It need not be a humanoid.")],
+    model: Annotated[Path, typer.Argument(help="URDF, MJCF or SDF file of any robot.")],
     meshes: Annotated[
         str | None,
         typer.Option(help='Folder of meshes that are not at their paths; "none": without meshes.'),

@@ -135,7 +135,7 @@ class _Search:
 def find_pads(
     path: Path, *, meshes: str | None = None, also: Collection[str] = (), wanted: str | None = None
 ) -> FoundPads:
-    """Finds the pads of the URDF, MJCF or SDF file at `path`. It need not be a humanoid.
+    """Finds the pads of the URDF, MJCF or SDF file at `path`, of any robot.
 
     If meshes are missing, pads without an outline become single taxels, which the result's notes say.
 

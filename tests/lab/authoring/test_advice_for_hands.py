@@ -74,7 +74,7 @@ def test_a_repeated_name_and_radians_read_as_degrees_are_mended_by_the_advice(tm
     assert (servo.limits.lower, servo.limits.upper) == pytest.approx((-0.1, 0.9))
 
 
-def test_fingers_that_are_bent_at_zero_bend_to_the_palm_as_mujoco_turns_them(tmp_path: Path) -> None:
+def test_fingers_whose_inner_joint_is_bent_at_zero_bend_by_the_outer_one(tmp_path: Path) -> None:
     file = tmp_path / "hand.xml"
     file.write_text(three_fingers())
     robot, followed = taken(file)
@@ -89,6 +89,8 @@ def test_fingers_that_are_bent_at_zero_bend_to_the_palm_as_mujoco_turns_them(tmp
         generic, position = np.array(part.initial_posture), np.zeros(len(robot.servos))
         generic[[one.id for one in part.servos if one.name.endswith("_flexion")]] = flexion
         position[maps.servos] = maps.to_robot(generic, position)
+        for servo in robot.servos:
+            assert servo.limits.lower <= position[servo.index] <= servo.limits.upper
         poses = chain.poses(position, ["palm", "thumb_outer", "index_outer", "little_outer"])
         base = np.linalg.inv(poses["palm"])
         tips.append([(base @ poses[name] @ [0.0, 0.0, 0.04, 1.0])[:3] for name in list(poses)[1:]])

@@ -216,28 +216,13 @@ def _flexion(bends: Sequence[tuple[float, _Drive]]) -> tuple[dict[int, float], f
         slope = sign * drive.multiplier
         reach = max(slope * (limits.lower or 0.0), slope * (limits.upper or 0.0))
         ranges.setdefault(drive.servo.index, (slope, reach))
-    if min(reach for _, reach in ranges.values()) <= 0.0:  # at the model's zero it is bent, not straight
-        return _from_open([drive for _, drive in bends], {one: slope for one, (slope, _) in ranges.items()})
+    able = {servo: one for servo, one in ranges.items() if one[1] > 0.0}
+    ranges = able or ranges  # a joint that is at its bent end at the model's zero stays there
     first = next(iter(ranges.values()))[1]
     turn = {servo: reach / first / slope for servo, (slope, reach) in ranges.items()}
     total = sum(angle**2 for angle in turn.values())
     offset = bends[0][0] * bends[0][1].offset if len(turn) == 1 else 0.0
     return {servo: round(angle / total, 9) for servo, angle in turn.items()}, offset
-
-
-def _from_open(drives: Sequence[_Drive], slopes: Mapping[int, float]) -> tuple[dict[int, float], float]:
-    """Factors and offset as `_flexion`, of a finger that is straight where its joints are open. `slopes` are
-    the signs and ratios by which its servos bend it, by their index."""
-    limits = {drive.servo.index: drive.servo.limits for drive in drives}
-    ends = {
-        servo: sorted(slope * (end or 0.0) for end in (limits[servo].lower, limits[servo].upper))
-        for servo, slope in slopes.items()
-    }
-    first = np.ptp(next(iter(ends.values())))
-    turn = {servo: float(np.ptp(ends[servo])) / first / slope for servo, slope in slopes.items()}
-    total = sum(angle**2 for angle in turn.values())
-    factors = {servo: round(angle / total, 9) for servo, angle in turn.items()}
-    return factors, -sum(factors[servo] * ends[servo][0] / slope for servo, slope in slopes.items())
 
 
 def _generic(

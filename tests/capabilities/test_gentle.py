@@ -113,6 +113,28 @@ def test_it_gives_way_to_what_only_its_joints_bear() -> None:
     assert not seen.contacts
 
 
+def test_a_push_that_only_joints_told_ends_with_it_also_where_speeds_are_noisy() -> None:
+    robot, chance, power = TouchedRobot("g1"), np.random.default_rng(0), list[float]()
+    pushed, joints = np.array([3.0, -6.0, 0.0, 4.0, 0.0]), robot.body.joint_maps["left_arm"]
+    start = robot.body.robot.part("left_arm").initial_posture
+    gentle = tci.Gentle(Go("left_arm", start + 0.05 * pushed))
+    memory = gentle.init(robot.body)
+    for step in range(230):
+        seen = robot.perceive()
+        assert seen.joints is not None
+        count = len(seen.joints.position)
+        torque, noise = np.zeros(count), chance.normal(0.0, 0.1 * (step > 60), count)
+        if 40 < step < 80:
+            torque[joints.servos] = joints.slope(seen.joints.position).T @ pushed[joints.ids]
+        own = replace(seen.joints, torque=read_only(torque), velocity=read_only(noise))
+        orders, memory = gentle.step(memory, replace(seen, joints=own), robot.body)
+        assert isinstance(orders[0], GenericCommand)
+        power.append(float(pushed @ orders[0].values))
+    assert power[75] < -0.1
+    assert min(power[-20:]) > 0.0, "it goes on"
+    assert not gentle.notes(memory)
+
+
 def test_it_takes_positions_only() -> None:
     robot = TouchedRobot("nao")
     gentle = tci.Gentle(tci.SoftReaction())

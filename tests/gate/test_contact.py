@@ -179,6 +179,17 @@ def test_a_way_back_ends_where_skin_began_to_feel_not_where_the_arm_was_long_bef
     assert held.at - held.sent[2] < 0.08 * fastest + np.deg2rad(3.5)
 
 
+def test_after_a_long_light_touch_it_does_not_go_back_all_its_way() -> None:
+    """Skin feels 8 N for two seconds, in which the arm goes on, and then 30 N."""
+    held, here = Held(at=9.0), 0.0
+    held.step(position_command([2], [3.0], speed=0.5))
+    for step in range(500):
+        held.step(contacts=pressed(30.0) if 340 < step < 350 else pressed(8.0) if 150 < step < 350 else None)
+        here = max(here, held.angles[2])
+    assert "30 N on its skin" in held.told[0]
+    assert np.deg2rad(3.0) < here - held.sent[2] < np.deg2rad(8.0)
+
+
 def test_a_joint_that_its_way_back_pressed_against_somebody_else_is_not_thrown_at_the_first() -> None:
     held = Held()
     held.step(position_command([2], [1.5]))
@@ -567,6 +578,20 @@ def test_a_joint_that_is_told_to_be_soft_sags_and_met_nobody(settings: GateSetti
             assert held.sent[2] == pytest.approx(0.5, abs=1e-9)
     assert held.gate.state is GateState.RUN
     assert met == ({"joint2"} if late else set())
+
+
+def test_only_what_a_weight_can_do_to_a_softer_joint_is_taken_for_its_sag() -> None:
+    """Two joints are told in turn. The second, at 0.9 of its stiffness, is bent by 5.8 degrees at once."""
+    held, met = Held(at=9.0), set[str | None]()
+    held.step(position_command([1, 2], [0.5, 0.5]))
+    for step in range(300):
+        servo, share = (1, 0.2) if step == 200 else (2, 0.9)
+        soft = PlatformCommand(Mode.STIFFNESS, np.array([servo]), share * ONE, ONE)
+        held.step(*[soft] * (step in (200, 201)))
+        bent = min(max(step - 205, 0) / 30.0, 1.0)
+        held.hand[1:3] = -np.deg2rad([3.0 * bent, 5.8 * bent])
+        met |= {one.joint for one in held.safe.met}
+    assert met == {"joint2"}
 
 
 @pytest.mark.parametrize("touch", [0.0, 2.0, 14.0])

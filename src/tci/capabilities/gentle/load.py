@@ -21,7 +21,8 @@ SETTLES, FORGETS = 0.5, 2.0
 something seems to, as a weight that it took up would."""
 EVEN = 0.03
 """Change of speed [rad/s] within the delay above which torques tell of the arm's own motion: what they tell
-then is its own, unless something pushes it already."""
+then is its own, unless something pushes it already. After `SETTLES` of it, as with noisy speeds, they tell
+whether it still does."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +35,8 @@ class Load:
     """What it bears beyond them (n,) [N m], along the way into whoever pushes it."""
     seen: tuple[tuple[float, Array, Array], ...]
     """Time [s], speeds (n,) [rad/s] and torques (n,) [N m] within the delay: single ones tell nothing."""
+    uneven: float = np.inf
+    """Since when its speed changes [s]; inf while it does not."""
 
 
 def bear(
@@ -57,12 +60,16 @@ def bear(
         return Load(effort, read_only(np.zeros(effort.shape)), ((now, rate, effort),))
     seen = (*(one for one in load.seen if now - one[0] <= delay), (now, rate, effort))
     effort = read_only(np.mean([one[2] for one in seen], axis=0))
-    if max(float(np.abs(rate - one[1]).max()) for one in seen) > EVEN:
-        return replace(load, own=load.own if load.more.any() else effort, seen=seen)
+    changes = max(float(np.abs(rate - one[1]).max()) for one in seen) > EVEN
+    uneven = min(load.uneven, now) if changes else np.inf
+    if changes and not load.more.any():
+        return replace(load, own=effort, seen=seen, uneven=uneven)
+    if changes and now - uneven <= SETTLES:
+        return replace(load, seen=seen, uneven=uneven)
     beyond = effort - load.own
     more = np.sign(beyond) * np.maximum(np.abs(beyond) - _friction(body, part), 0.0)
     share = 1.0 - np.exp(-elapsed / (FORGETS if more.any() else SETTLES))
-    return Load(read_only(load.own + share * beyond), read_only(more), seen)
+    return Load(read_only(load.own + share * beyond), read_only(more), seen, uneven)
 
 
 def _friction(body: GenericBody, part: str) -> Array:

@@ -20,7 +20,7 @@ from tci.gate.contact.bearing import Bearing
 from tci.gate.contact.felt import Felt, FeltContact, FeltForces
 from tci.gate.contact.following import CLEAR, PROGRESS, Following
 from tci.gate.contact.group import Group, Way, make_groups
-from tci.gate.contact.noticing import SIGN, SOONER, Seen, bounds
+from tci.gate.contact.noticing import EARLIER, SIGN, SOONER, Seen, bounds
 from tci.gate.contact.others import First
 from tci.gate.contact.path import STEP
 from tci.gate.contact.settings import ContactSettings
@@ -247,7 +247,7 @@ class ContactReaction:
                 what = f"{servo}, which nobody commands, is bent by {angle:.1f} degrees"
             before, pulled = noticing.before(float(self._following.lags[seen.worst])), True
         elif seen.felt.made > max(self._settings.felt, allowed):
-            before = seen.felt.since - SOONER
+            before = max(seen.felt.since - SOONER, seen.joints.stamp - EARLIER)
         elif freeing and (noticing.held or seen.felt.force > LIGHT):
             before, pulled, group.slow = np.inf, noticing.held, True
         else:

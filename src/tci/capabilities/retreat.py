@@ -35,6 +35,8 @@ REACH = np.deg2rad(15.0)
 """Largest motion [rad] of a joint that `nowhere` tries: the base motions of the arms."""
 SHARES = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Fractions of `REACH` of each joint that `nowhere` combines."""
+AT_ONCE = 100
+"""Motions that `nowhere` tries together, the steepest first: all 3125 of an arm take longer than a period."""
 
 
 def why_not(
@@ -124,11 +126,34 @@ def nowhere(perception: Perception, body: GenericBody, part: str, answers: Seque
     moving = np.flatnonzero(np.abs(jacobians).max(axis=(0, 1)) > 1e-6)
     ways = np.zeros((len(SHARES) ** len(moving), origin.size))
     ways[:, moving] = REACH * np.reshape([*product(SHARES, repeat=len(moving))], (-1, len(moving)))
-    begins, ends = (body.retreat_at_ends(perception, part, origin + share * ways) for share in (BEGUN, 1.0))
-    steep = [(one[0] >= STEEP * one[1])[:, answers] for one in (begins, ends)]
-    away = steep[0] & steep[1] & (ends[0][:, answers] >= LEAST)
-    pressed = np.minimum(begins[0], ends[0]).min(axis=1) < -PRESSED
-    return not bool((away.any(axis=1) & ~pressed).any())
+    # the linear motion, which differs from the true one by a few degrees, tells which are steep, and how
+    steepness = np.full(len(ways), -np.inf)
+    for one, jacobian in zip(answers, jacobians, strict=True):
+        moved, normal = ways @ jacobian.T, perception.contacts[one].n_T
+        away = -moved @ normal
+        across = np.linalg.norm(moved + np.outer(away, normal), axis=1)
+        steepness = np.maximum(steepness, away / (across + 1e-9))
+    order = np.argsort(-steepness, kind="stable")[: np.count_nonzero(steepness >= 0.5 * STEEP)]
+    return not any(
+        _leaves(perception, body, part, ways[some], answers)
+        for some in (order[k : k + AT_ONCE] for k in range(0, len(order), AT_ONCE))
+    )
+
+
+def _leaves(
+    perception: Perception, body: GenericBody, part: str, ways: Array, answers: Sequence[int]
+) -> bool:
+    """True if any of `ways` (k, n) [rad] begins and ends away from what touches one of the contacts
+    `answers`, and presses nobody."""
+    kept = np.ones((len(ways), len(answers)), bool)
+    for share, least in ((BEGUN, -np.inf), (1.0, LEAST)):
+        inwards, across = body.retreat_at_ends(perception, part, perception.posture[part] + share * ways)
+        own = inwards[:, answers]
+        kept &= (
+            (own >= STEEP * across[:, answers]) & (own >= least) & (inwards.min(axis=1) >= -PRESSED)[:, None]
+        )
+        ways, kept = ways[kept.any(axis=1)], kept[kept.any(axis=1)]
+    return bool(len(ways))
 
 
 def _why_kept(inwards: Sequence[float], across: Sequence[float], least: float) -> str:

@@ -147,12 +147,3 @@ def _plates(square: Array, areas: Array, sigma: float) -> Array:
     met = np.exp(-(beside.min(axis=1) ** 2) / (2.0 * sigma**2))
     result: Array = weights / weights.sum(axis=1)[:, None] * met[:, None]
     return result
-
-
-def asked_force(planned: Iterable[PlannedTouch], times: ArrayLike) -> Array:
-    """Force (t,) [N] of all pads together that the plan asks for at `times` (t,) [s]."""
-    at = np.asarray(times, dtype=float)
-    total = np.zeros(len(at))
-    for one in planned:
-        total += np.interp(at, one.times, one.force.sum(axis=1), left=0.0, right=0.0)
-    return total

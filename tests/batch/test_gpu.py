@@ -76,6 +76,8 @@ def test_contacts_of_known_forces_equal_those_of_mujoco_batch(name: str) -> None
                 found = Contacts(scene.body.layout.sites, *worlds._latest(), *made)
                 expected = worlds.contacts(w)
                 assert [c.patch for c in found] == [c.patch for c in expected]
+                np.testing.assert_allclose(found.taxel_force, expected.taxel_force, rtol=1e-5)
+                np.testing.assert_allclose(found.taxel_point, expected.taxel_point, rtol=0.0, atol=1e-5)
                 for mine, its in zip(found, expected, strict=True):
                     np.testing.assert_array_equal(mine.taxels, its.taxels)
                     for what in ("force", "peak", "area"):

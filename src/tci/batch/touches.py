@@ -15,8 +15,8 @@ from tci.batch.scene import BatchScene
 from tci.errors import TciError
 from tci.messages.contacts import CONTACT, TAXEL
 from tci.messages.frames import Array
-from tci.robot.limb import RHO
 from tci.simulation.sampling import AREA
+from tci.skin.formulas import on_limb
 from tci.skin.kernels.arrays import ContactArrays
 
 
@@ -174,13 +174,9 @@ class Touches:
                 taxels["taxel"], taxels["taxel_force"] = members, self.read("felt")[world, own][members]
                 positions: Array = self._layout.taxels["position"][own][members]
                 at = positions @ touch["R_SL"].reshape(3, 3).T + touch["p_S"]
-                far = np.hypot(at[:, 0], at[:, 1])
-                if touch["length"] > 0.0:
-                    taxels["taxel_point"] = np.column_stack(
-                        [-at[:, 2] / touch["length"], RHO * at[:, 1] / far, RHO * at[:, 0] / far]
-                    )
-                else:
-                    taxels["taxel_point"] = np.nan
+                taxels["taxel_point"] = (
+                    [on_limb(x, y, z, touch["length"]) for x, y, z in at] if touch["length"] > 0.0 else np.nan
+                )
                 pressed.append(taxels)
                 c += 1
                 begin[c] = begin[c - 1] + len(taxels)

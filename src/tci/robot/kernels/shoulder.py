@@ -4,15 +4,18 @@ Li and Sastry 1994, 3.3). Rotations beyond the limits are approached by damped l
 
 from __future__ import annotations
 
-from math import atan2, cos, pi, sin, sqrt
+from math import atan2, pi, sqrt
 from typing import NamedTuple
 
 from numba import int64, void
 
 from tci.messages.frames import Array
+from tci.robot import formulas
 from tci.support.compiled import compiled, inlined, reads, record, writes
+from tci.support.one_source import made_with
 
 Vector = tuple[float, float, float]
+_turn = made_with(inlined, formulas).turned
 SHORT = pi / 6.0
 """A command that turns no servo of a shoulder farther than this angle [rad] is a small change."""
 STEPS = 20
@@ -71,15 +74,8 @@ def _angle_about(axis: Vector, start: Vector, end: Vector) -> float:
 
 @inlined
 def _turned(axis: Vector, angle: float, v: Vector) -> Vector:
-    """Rodrigues' formula."""
-    c, s = cos(angle), sin(angle)
-    along = _dot(axis, v) * (1.0 - c)
-    x, y, z = _cross(axis, v)
-    return (
-        c * v[0] + s * x + along * axis[0],
-        c * v[1] + s * y + along * axis[1],
-        c * v[2] + s * z + along * axis[2],
-    )
+    turned: Vector = _turn(v[0], v[1], v[2], axis[0], axis[1], axis[2], angle)
+    return turned
 
 
 @inlined

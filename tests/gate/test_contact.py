@@ -580,6 +580,19 @@ def test_a_joint_that_is_told_to_be_soft_sags_and_met_nobody(settings: GateSetti
     assert met == ({"joint2"} if late else set())
 
 
+def test_a_joint_that_sags_met_nobody_by_other_settings_either() -> None:
+    held = Held(at=9.0)
+    held.step(position_command([2], [0.5]))
+    for step in range(400):
+        soft = PlatformCommand(Mode.STIFFNESS, np.array([2]), 0.2 * ONE, ONE)
+        held.step(*[soft] * (step == 200))
+        held.hand[2] = -np.deg2rad(3.0 * min(max(step - 205, 0) / 30.0, 1.0))
+        if step == 330:
+            held.gate.set_contact(ContactSettings(felt=20.0))
+        assert not held.safe.met
+    assert held.sent[2] == pytest.approx(0.5, abs=1e-9)
+
+
 def test_only_what_a_weight_can_do_to_a_softer_joint_is_taken_for_its_sag() -> None:
     """Two joints are told in turn. The second, at 0.9 of its stiffness, is bent by 5.8 degrees at once."""
     held, met = Held(at=9.0), set[str | None]()

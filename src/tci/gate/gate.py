@@ -268,8 +268,9 @@ class Gate:
             raise CommandError("this gate does not answer contact; valid: the gate that owns the robot")
         if self.met or self._contact.blocked:
             raise CommandError("a part is in contact; valid: other settings when nothing presses")
-        self._contact = ContactReaction(self._robot, groups_of(self._robot), settings)
+        before, self._contact = self._contact, ContactReaction(self._robot, groups_of(self._robot), settings)
         self._contact.load(self._loads)
+        self._contact.sag_as(before)
         self._settings = replace(self._settings, contact=settings)
 
     def free(self) -> None:

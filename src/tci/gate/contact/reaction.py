@@ -111,6 +111,11 @@ class ContactReaction:
             elif order.mode is Mode.STIFFNESS and isinstance(order, PlatformCommand):
                 group.sags.told(order.servos, order.values, now)
 
+    def sag_as(self, before: ContactReaction) -> None:
+        """Takes over from one with other settings which joints were told to be softer."""
+        for number, group in self._groups.items():
+            group.sags = before._groups[number].sags
+
     def free(self) -> None:
         """Sends every part that is in contact back with the next reading, slowly."""
         self._freeing = True

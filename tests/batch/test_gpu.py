@@ -14,7 +14,7 @@ import pytest
 import tci.batch
 from tci.batch.cpu import MujocoWorlds
 from tci.batch.worlds import Worlds
-from tci.errors import ClashError, MissingExtraError
+from tci.errors import ClashError, MissingExtraError, TciError
 from tci.messages.contacts import Contacts
 from tci.simulation.sampling import SLOTS
 from tci.support.engine import mujoco
@@ -90,6 +90,20 @@ def test_contacts_of_known_forces_equal_those_of_mujoco_batch(name: str) -> None
     assert np.median(errors, axis=0).max() <= 1e-6
     assert np.max(errors) <= 2e-3
     assert len(errors) > 100
+
+
+@needs_warp
+@pytest.mark.parametrize("which", ["force", "touched"])
+def test_worlds_that_were_too_full_go_on_after_a_reset(which: str) -> None:
+    from tci.batch.gpu import WarpWorlds
+
+    worlds = WarpWorlds(tci.batch.batch_scene("nao", step=STEP), 2, device="cpu")
+    (worlds._full if which == "force" else worlds.contacts_on_device.full).assign([2])
+    worlds.reset([0])
+    with pytest.raises(TciError, match="world 1: "):
+        getattr(worlds, which)
+    worlds.reset()
+    assert not getattr(worlds, which).any()
 
 
 @needs_warp

@@ -132,6 +132,9 @@ class WarpWorlds(Worlds):
             self.steps, self._taken = 0, np.full(len(self._rates), -1)
             self._stamps = np.zeros(len(self._rates))
             self._number.zero_()
+            self._full.zero_()
+            if self._touches:
+                self._touches.full.zero_()
 
     def retire(self, worlds: ArrayLike | None = None) -> None:
         """Removes the fingers of some worlds, or of all."""

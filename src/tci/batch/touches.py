@@ -93,7 +93,8 @@ class Touches:
         self.counts = wp.zeros((count, len(rows)), dtype=int)
         """Numbers of contacts (N, p) on all patches."""
         self._queue, self._loaded = wp.zeros_like(self.labels), wp.zeros_like(self.counts)
-        self._full = wp.zeros(1, dtype=int)
+        self.full = wp.zeros(1, dtype=int)
+        """Number of a world with more contacts on a patch than there is room for, + 1; else 0."""
         self._host: dict[str, Any] = {}
         self._known: dict[int, ContactArrays] = {}
 
@@ -133,7 +134,7 @@ class Touches:
         ])  # fmt: skip
         wp.launch(clusters.find, dim=(n, p), inputs=[
             self._loaded, self._regions, *self._shared, self._posture, data.xpos, data.xmat, self.felt,
-            self.labels, self._queue, self.found, self.counts, self._full,
+            self.labels, self._queue, self.found, self.counts, self.full,
         ])  # fmt: skip
 
     def renew(self) -> None:
@@ -145,7 +146,7 @@ class Touches:
         more contacts than there is room for."""
         if name not in self._host:
             self._host[name] = getattr(self, name).numpy()
-            if full := int(self._full.numpy()[0]):
+            if full := int(self.full.numpy()[0]):
                 raise TciError(f"world {full - 1}: more than {clusters.PLACES} contacts on one patch")
         return self._host[name]
 

@@ -18,13 +18,13 @@ POSTURES = np.deg2rad([[25, 25, 0, 60, 0], [25, 25, 0, 75, 0], [35, 30, 0, 60, 0
                        [40, 20, 10, 70, 0], [25, 15, -15, 50, 0], [15, 15, 0, 45, 0], [30, 45, 0, 75, 0],
                        [45, 45, 0, 60, 0], [30, 60, 0, 90, 0], [30, 45, 30, 75, 0]])  # fmt: skip
 """Candidates for the initial posture [rad]; the first posture that fits is used. All values are assumed."""
-ALONE = np.deg2rad([[0, 45, 0, 75, 0], [0, 45, 0, 60, 0], [0, 45, 0, 45, 0], [0, 60, 0, 75, 0],
-                    [0, 60, 0, 60, 0], [0, 60, 0, 90, 0], [0, 60, 0, 105, 0], [0, 70, 0, 110, 0],
-                    [0, 75, 0, 120, 0], [0, 30, 0, 60, 0], [30, 60, 0, 90, 0], [0, 100, 0, 100, 0],
-                    [0, 110, 0, 130, 0], [0, 20, 0, 40, 0]])  # fmt: skip
+ALONE = np.deg2rad([[0, 30, 0, 60, 0], [0, 30, 0, 45, 0], [0, 45, 0, 75, 0], [0, 45, 0, 60, 0],
+                    [0, 45, 0, 45, 0], [0, 60, 0, 75, 0], [0, 60, 0, 60, 0], [0, 60, 0, 90, 0],
+                    [0, 60, 0, 105, 0], [0, 70, 0, 110, 0], [0, 75, 0, 120, 0], [30, 60, 0, 90, 0],
+                    [0, 100, 0, 100, 0], [0, 110, 0, 130, 0], [0, 20, 0, 40, 0]])  # fmt: skip
 """Candidates for an arm that stands alone, as `POSTURES`: raised, with its forearm forward. The less raised
-ones come first, since the pan takes an upper arm aside by the cosine of its lift; at 30 degrees fetch's pan
-is too weak for the stretched arm. The yaw is +-90 degrees, as far as the arm can choose it."""
+ones come first, since the pan takes an upper arm aside by the cosine of its lift. The yaw is +-90 degrees, as
+far as the arm can choose it."""
 WITHDRAWS = np.deg2rad([15.0, 15.0, 0.0, 15.0, 0.0])
 """How far [rad] the withdrawal reflex turns each joint of an arm that moves its skin, of those that all such
 arms have."""

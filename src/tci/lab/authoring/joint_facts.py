@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from tci.lab.authoring.joint_tree import Joint
-from tci.robot.description import Limits, Model
+from tci.lab.authoring.joint_tree import Joint, ancestors
+from tci.messages.frames import Array
+from tci.robot.description import Limits, Model, Servo
 from tci.robot.xml.document import parse, read_bytes
 from tci.robot.xml.model import MAX_MODEL_BYTES
 from tci.support.engine import mujoco
@@ -139,14 +140,41 @@ def proposed_limits(given: JointFacts, inertia: float, *, motor: tuple[float, fl
     velocity = float(np.deg2rad(round(np.rad2deg(velocity), 2)))
     able = torque / max(inertia, 1e-6)
     acceleration = float(np.clip(0.25 * able, min(ACCELERATION[0], MOST_TORQUE * able), ACCELERATION[1]))
-    step = 10.0 if acceleration >= np.deg2rad(10.0) else 0.1
-    acceleration = float(np.deg2rad(step * max(1.0, np.floor(np.rad2deg(acceleration) / step + 1e-9))))
+    acceleration = _rounded(acceleration)
     jerk = JERK * max(min(able, ACCELERATION[1]), acceleration)
     jerk = float(np.deg2rad(round(np.rad2deg(jerk), -1)))
     return Limits(
         lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=jerk,
         torque=torque, assumed=tuple(dict.fromkeys(assumed)),
     )  # fmt: skip
+
+
+def borne(servos: Sequence[Servo], joints: Sequence[Joint], reactions: Array) -> tuple[Servo, ...]:
+    """Returns the servos of one arm or hand alone with accelerations that take at most `MOST_TORQUE` of each
+    motor that carries them. `reactions` (k, k) of the `joints` are those of `LinkPoints`.
+
+    Fetch's elbow took 87 % of the torque of its pan, which no longer followed. Two arms are compared with
+    each other instead: one with too little torque is refused with that of the other side.
+    """
+    place, own = {joint.name: one for one, joint in enumerate(joints)}, {one.joint: one for one in servos}
+    found = []
+    for servo in servos:
+        line = ancestors(joints, place[str(servo.joint)])
+        most = [
+            MOST_TORQUE * (own[joints[one].name].limits.torque or np.inf) / reactions[one, line[0]]
+            for one in line[1:] if joints[one].name in own and reactions[one, line[0]] > 0.0
+        ]  # fmt: skip
+        if most and servo.limits.acceleration is not None and min(most) < servo.limits.acceleration:
+            update = {"acceleration": _rounded(min(most))}
+            servo = servo.model_copy(update={"limits": servo.limits.model_copy(update=update)})
+        found.append(servo)
+    return tuple(found)
+
+
+def _rounded(acceleration: float) -> float:
+    """An acceleration [rad/s2], rounded down in degrees."""
+    step = 10.0 if acceleration >= np.deg2rad(10.0) else 0.1
+    return float(np.deg2rad(step * max(1.0, np.floor(np.rad2deg(acceleration) / step + 1e-9))))
 
 
 def _from_urdf(model: Model) -> dict[str, JointFacts]:

@@ -133,20 +133,26 @@ class LinkPoints:
 
     def inertia(self, joints: Iterable[str]) -> Array:
         """Returns the largest inertia (k,) [kg m2] that each joint carries in 32 random postures."""
+        return self.reactions(joints).diagonal()
+
+    def reactions(self, joints: Iterable[str]) -> Array:
+        """Returns the largest torque (k, k) [N m] in 32 random postures that an acceleration of 1 rad/s2 of
+        the joint of each column takes of the motor of each row."""
         model, data = self._model, self._data
         generator = np.random.default_rng(0)
         full = np.zeros((model.nv, model.nv))
-        most = np.zeros(model.nv)
+        most = np.zeros_like(full)
         for _ in range(32):
             data.qpos[:] = generator.uniform(-1.5, 1.5, model.nq)
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
             mujoco.mj_crb(model, data)
             mujoco.mj_fullM(model, data, full)
-            most = np.maximum(most, np.diag(full))
+            most = np.maximum(most, np.abs(full))
         data.qpos[:] = 0.0
         mujoco.mj_kinematics(model, data)
-        return most[[int(model.joint(joint).dofadr[0]) for joint in joints]]
+        own = [int(model.joint(joint).dofadr[0]) for joint in joints]
+        return most[np.ix_(own, own)]
 
     def most_inert(self, joint: str) -> tuple[str, float, float]:
         """Of the links that a joint carries, the one with the largest inertia for its mass: name, mass [kg]

@@ -25,6 +25,7 @@ from tci.lab.authoring.joint_facts import (
     SLOWEST,
     TORQUE,
     JointFacts,
+    borne,
     driven,
     proposed_limits,
     read_facts,
@@ -209,7 +210,7 @@ def _servos(
     groups |= {f"{side}_leg": body.behind(found.chain[0]) for side, found in body.legs.items()}
     named = {joint for group in groups.values() for joint in group}
     groups["other"] = [joint for joint in range(len(body.joints)) if joint not in named]
-    inertia = points.inertia([joint.name for joint in body.joints])
+    reactions = points.reactions([joint.name for joint in body.joints])
     of_fingers = {joint for found in hands.values() for finger in found for joint in finger.chain}
     jawed = () if gripper is None else gripper.joints
     of_gripper = {one for one, joint in enumerate(body.joints) if joint.name in jawed}
@@ -221,13 +222,13 @@ def _servos(
                 Servo(
                     index=len(servos), robot_part=part, id=id, name=name, joint=name,
                     limits=proposed_limits(
-                        facts[name], float(inertia[joint]),
+                        facts[name], float(reactions[joint, joint]),
                         motor=FINGER_TORQUE if joint in of_fingers else TORQUE,
                     ),
                     modes=(Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE),
                 )
             )  # fmt: skip
-    return tuple(servos)
+    return tuple(servos) if body.is_humanoid else borne(servos, body.joints, reactions)
 
 
 def _side(name: str) -> Side:

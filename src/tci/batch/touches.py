@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from tci.batch import clusters
+from tci.batch import clusters, measured
 from tci.batch.feel import structs
 from tci.batch.posture import LimbTables
 from tci.batch.scene import BatchScene
@@ -45,7 +45,7 @@ class Touches:
             None,
         )
         self._limbs = structs(
-            clusters.Limb,
+            measured.Limb,
             [
                 {
                     "offset": wp.vec4(*one["offset"]), "side": float(one["side"]),
@@ -62,7 +62,7 @@ class Touches:
             sensed[int(one["servo"])] = {
                 "address": int(one["address"]), "ratio": float(one["ratio"]), "shift": float(one["shift"]),
             }  # fmt: skip
-        self._sensed = structs(clusters.Sensed, sensed, None)
+        self._sensed = structs(measured.Sensed, sensed, None)
 
         def array(values: Any, kind: Any = float) -> Any:
             return wp.array(np.ascontiguousarray(values), dtype=kind)
@@ -124,12 +124,12 @@ class Touches:
     def launch(self, due: Any, forces: Any, states: Any, qpos: Any, data: Any) -> None:
         """Finds the contacts of the patches that are `due` (p,), with the joints at `qpos` then."""
         n, p = self.counts.shape
-        wp.launch(clusters.unload, dim=(n, p), inputs=[due, self._loaded])
-        wp.launch(clusters.read, dim=self.felt.shape, inputs=[
+        wp.launch(measured.unload, dim=(n, p), inputs=[due, self._loaded])
+        wp.launch(measured.read, dim=self.felt.shape, inputs=[
             due, self._owner, self._regions, *self._read, forces, self.felt, self._loaded,
         ])  # fmt: skip
-        wp.launch(clusters.measure, dim=self._angles.shape, inputs=[self._sensed, qpos, states, self._angles])
-        wp.launch(clusters.postures, dim=self._posture.shape, inputs=[
+        wp.launch(measured.measure, dim=self._angles.shape, inputs=[self._sensed, qpos, states, self._angles])
+        wp.launch(measured.postures, dim=self._posture.shape, inputs=[
             self._angles, self._weights, self._limbs, self._posture,
         ])  # fmt: skip
         wp.launch(clusters.find, dim=(n, p), inputs=[

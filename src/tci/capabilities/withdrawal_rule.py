@@ -26,8 +26,8 @@ from tci.robot.blow import PEOPLE, Struck
 
 NO_WAY = "in this posture none of its joints takes the touched place away; valid: another posture"
 NOWHERE = (
-    f"{{why}}, and no other motion of its joints by up to {np.rad2deg(REACH):.0f} degrees leaves that object "
-    "in this posture; valid: another posture"
+    f", but no other motion of its joints by up to {np.rad2deg(REACH):.0f} degrees leaves that object in "
+    "this posture either: take another posture"
 )
 ROOM = 5e-3
 """Distance [m] that a withdrawal leaves to whoever it met: it ends before where the contact began."""
@@ -207,11 +207,11 @@ class _Touched(NamedTuple, Generic[F]):
 
     def _nowhere(self, why: str) -> str:
         """The reason of a refusal, which says it if no other motion of an arm would do either."""
-        if self.others is None or why == NO_WAY:
-            return why
+        if self.others is None or not all(any(wish.field.motion) for wish in self.wishes):
+            return why  # which says it
         answers = [wish.contact for wish in self.wishes]
         lost = nowhere(self.perception, self.body, self.part, answers)
-        return NOWHERE.format(why=why.partition("; valid")[0]) if lost else why
+        return why + NOWHERE if lost else why
 
     def _farther(self, origin: Array, wish: Wish[F], answers: Sequence[int]) -> Withdrawal[F] | None:
         """The withdrawal for a touch so light that its gain would not take the place `LEAST` away: with the

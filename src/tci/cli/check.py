@@ -121,7 +121,8 @@ def check(
     if as_json:
         about = {"robot": found.name, "valid": not faults, "faults": faults, "remarks": notes}
         simulated = {} if proof is None else {"simulated": proof.to_json()}
-        print_json({**about, "doubts": doubtful, **simulated})
+        left_out = {} if asked is None else {"left_out": asked.not_here()}
+        print_json({**about, "doubts": doubtful, **left_out, **simulated})
     else:
         _print_check(robot, found, notes, doubtful, faults=() if simulate else faults)
         if proof is not None:

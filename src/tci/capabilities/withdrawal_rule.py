@@ -206,8 +206,11 @@ class _Touched(NamedTuple, Generic[F]):
         return None, self._nowhere(first)
 
     def _nowhere(self, why: str) -> str:
-        """The reason of a refusal, which says it if no other motion of an arm would do either."""
-        if self.others is None or not all(any(wish.field.motion) for wish in self.wishes):
+        """The reason of a refusal, which says it if no other motion of an arm would do either. Not of a touch
+        that may still grow: to find out takes as long as the rest of its tick."""
+        if self.others is None or max(wish.gain for wish in self.wishes) < 1.0:
+            return why
+        if not all(any(wish.field.motion) for wish in self.wishes):
             return why  # which says it
         answers = [wish.contact for wish in self.wishes]
         lost = nowhere(self.perception, self.body, self.part, answers)

@@ -29,9 +29,9 @@ COARSE = 0.25
 that the robots need, so only a sixteenth of the pixels is drawn."""
 
 
-def wait_for(what: Callable[[], object], said: str) -> None:
+def wait_for(what: Callable[[], object], said: str, patience: float = PATIENCE) -> None:
     """Waits until `what()` is true. Fails with the text `said` if this takes too long."""
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + patience
     while not what():
         assert time.monotonic() < end, f"never happened: {said}"
         time.sleep(0.05)
@@ -64,8 +64,17 @@ def page_of(viewer: Viewer) -> Iterator[Page]:
         page.goto(viewer.address)
         page.wait_for_selector("canvas")
         wait_for(viewer.server.get_clients, "the page says where its camera is")
+        wait_for(lambda: _two_pictures(page) < 5.0, "the page has loaded its meshes", 3.0 * PATIENCE)
         yield page
         browser.close()
+
+
+def _two_pictures(page: Page) -> float:
+    """Time [s] in which the page draws two pictures: up to a minute on a busy machine while it loads its
+    meshes. A click waits as long."""
+    begin = time.monotonic()
+    page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    return time.monotonic() - begin
 
 
 def canvas_of(page: Page) -> tuple[float, float, float, float]:

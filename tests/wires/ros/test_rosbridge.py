@@ -122,6 +122,8 @@ def test_35_messages_that_are_none_are_counted_and_the_driver_goes_on(server: Re
         while sum(driver._node.rejected.values()) < len(damaged) - 1 and time.monotonic() < end:
             time.sleep(0.05)
         assert sum(driver._node.rejected.values()) >= len(damaged) - 1
+        while driver.read().joints.sequence == before and time.monotonic() < end:
+            time.sleep(0.05)
         assert driver.read().joints.sequence > before
         assert any(finding.subject == "messages" for finding in driver.diagnose())
 

@@ -27,8 +27,8 @@ def wait_for(what: Callable[[], bool]) -> None:
 
 
 def order_until(order: Callable[[], object], what: Callable[[], bool]) -> None:
-    """Gives an order, and again each 5 s until `what()` is true: a server that stood still for 0.3 s drops the
-    orders from before."""
+    """Gives an order, and again each 5 s until `what()` is true: a server that stood still for 0.3 s drops
+    the orders from before."""
     end = time.monotonic() + PATIENCE
     while not what():
         assert time.monotonic() < end, "it never came"

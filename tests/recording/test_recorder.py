@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import tci
 from helpers import TESTS
 from helpers.recorded import equal_readings, made_up, record_poke, two_parts
 from helpers.small_robot import build
@@ -160,6 +161,19 @@ def test_a_model_that_can_not_be_used_any_more_leaves_the_recording_whole(tmp_pa
     assert len(list(recording.ticks())) == 3
     assert recording.complete
     assert "/skin/points" not in recording.topics()
+
+
+def test_the_geometry_of_the_skin_is_ready_before_the_first_period(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On iCub it takes two periods of 5 ms."""
+    robot = load_robot("icub")
+    perceiver = Perceiver(GenericBody(robot))
+    with tci.connect(robot) as driver, Recorder(tmp_path / "a.mcap", robot) as recorder:
+        monkeypatch.setattr("tci.skin.skin.Skin.__init__", lambda *_: pytest.fail("built in a period"))
+        reading = driver.read()
+        recorder.tick(0.0, reading, perception=perceiver.step(reading, 0.0))
+    assert "/skin/points" in Recording(tmp_path / "a.mcap").topics()
 
 
 WRITER = """

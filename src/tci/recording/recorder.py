@@ -11,6 +11,7 @@ import platform
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -99,7 +100,9 @@ class Recorder:
         self._frames: dict[str, SkinFrame] = {}
         self._joints: JointReading | None = None
         self._clouds: Clouds | None = None
-        self._drawn = robot if robot is not None and robot.model is not None else None
+        if robot is not None and robot.model is not None:
+            with suppress(TciError):  # a model that can't be used
+                self._clouds = Clouds(robot)  # now, since in the first period it would miss the next ones
         with _Guard(self):
             known = {} if keep_alive is None else {"keep_alive_s": repr(keep_alive)}
             self._file.describe("tci", _metadata(robot, middleware, period, known | dict(about or {})))
@@ -139,8 +142,10 @@ class Recorder:
                 self._file.put("/tci/decision", DECISION, stamp, decision_bytes(sent))
             if touching:
                 self._file.put("/tci/truth", TRUTH, stamp, truth_bytes(now, touching))
-            if perception is not None and self._drawn is not None:
-                self._draw(now, perception, self._drawn)
+            if perception is not None and self._clouds is not None:
+                cloud = self._clouds.draw(now, perception)
+                if cloud is not None:
+                    self._file.put("/skin/points", CLOUD, stamp, cloud)
             self._file.flush()
             self.ticks += 1
 
@@ -153,16 +158,6 @@ class Recorder:
             with _Guard(self):
                 self._file.finish()
         self._file.close()
-
-    def _draw(self, now: float, perception: Perception, robot: Robot) -> None:
-        try:
-            clouds = self._clouds = self._clouds or Clouds(robot)
-        except TciError:  # the model can't be used any more
-            self._drawn = None
-            return
-        cloud = clouds.draw(now, perception)
-        if cloud is not None:
-            self._file.put("/skin/points", CLOUD, to_nanoseconds(now), cloud)
 
     def _skin(self, frame: SkinFrame, stamp: int) -> None:
         number = self._numbers.setdefault(frame.patch, len(self._numbers))

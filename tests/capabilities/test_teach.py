@@ -175,6 +175,25 @@ def test_whoever_presses_too_hard_gets_the_reflex() -> None:
     assert any("more than 15 N" in note for note in layers.notes(scene.memory))
 
 
+def test_what_a_hand_shows_while_it_presses_too_hard_is_taught_too() -> None:
+    """Near a joint's limit or a shoulder's singular posture an arm can't go along as fast as its hand."""
+    scene = Scene("g1", tci.Teach())
+    scene.touch("left_forearm", 1.0)
+    given_away = scene.posture["left_arm"]
+    scene.touch("left_forearm", 0.4, force=20.0, turn=np.array([-0.4, 0.0, 0.0, 0.0, 0.0]))
+    end = scene.posture["left_arm"]
+    assert np.abs(end - given_away).max() > 0.1
+    scene.touch(None, 1.2)
+    scene.tap("right_forearm")
+    motion = scene.memory.motion
+    np.testing.assert_allclose(motion.at(motion.duration)["left_arm"], end, atol=0.02)
+    pushed = Scene("g1", tci.Teach())
+    pushed.touch("left_forearm", 1.0, force=20.0, turn=np.array([-0.4, 0.0, 0.0, 0.0, 0.0]))
+    pushed.touch(None, 1.2)
+    pushed.tap("right_forearm")
+    assert pushed.memory.motion is None, "it was never guided"
+
+
 @pytest.mark.parametrize(("patch", "part"), [("left_hand", "left_arm"), ("head", "head")])
 def test_a_plain_nao_is_soft_while_its_hand_or_head_is_held(patch: str, part: str) -> None:
     scene = Scene("nao-plain", tci.Teach())

@@ -35,13 +35,16 @@ FASTEST = 1.0
 """Speed [rad/s] with which a limb catches up with its motion at most."""
 LEAD = 0.05
 """Time [s] by which a soft limb's targets are ahead: the gate plans to stop at each of them."""
+LAG = 0.03
+"""Time [s] by which a measured angle is behind the speed that it was told, by bus and servo: 0.01 to 0.05. A
+motion that is compared with where it is now, not with where it was then, runs ahead, and past its end."""
 SLOWLY = 0.3
 """Speed [rad/s] with which a tapped limb goes back to where it was."""
 NEAR = float(np.deg2rad(2.0))
 """Angle [rad] within which a limb has come to where the motion begins."""
 PATIENCE = 6.0
 """Time [s] after which a motion begins although something keeps a limb from its start."""
-EASE = 0.3
+EASE = 0.15
 """Time [s] in which a motion gets its speed, at its begin and after a touch."""
 FREE = 1.0
 """Time [s] without touch after which a limb that was pressed too hard is its own again: a withdrawal has come
@@ -228,6 +231,8 @@ class Teach(Capability[Taught]):
             if memory.phase is Doing.GOES:
                 speed = self.approach / _reach(name, body)
             elif not _stands(memory):
+                if not limb.soft:
+                    target = motion.at(max(memory.played - LAG, 0.0))[name]
                 rates = _pace(memory) * motion.rates(memory.played)[name]
         if limb.soft:
             return self._lead(name, replace(limb, rest=rest), target + LEAD * rates, speed, here)
@@ -261,11 +266,17 @@ class Teach(Capability[Taught]):
 
 
 def _learn(memory: Taught, perception: Perception, elapsed: float) -> Taught:
-    """The lesson with this instant's posture."""
+    """The lesson with this instant's posture.
+
+    Also that of a guided limb that is now pressed too hard: what it does under the hand is what it is shown.
+    """
     if memory.phase is not Doing.WAITS:
         return memory
     limbs, now = memory.limbs, perception.stamp
-    held = frozenset(name for name, limb in limbs.items() if limb.touched and limb.touch.held)
+    held = frozenset(
+        name for name, limb in limbs.items()
+        if limb.touch.held and (limb.touched or (limb.touch.touched and name in memory.lesson.taught))
+    )  # fmt: skip
     touched = any(limb.touched or now - limb.touch.felt < PAUSE for limb in limbs.values())
     lesson = memory.lesson.watch(perception.posture, limbs, held, elapsed, touched=touched)
     if not lesson.taught and not touched:
@@ -274,8 +285,8 @@ def _learn(memory: Taught, perception: Perception, elapsed: float) -> Taught:
     taught = ", ".join(sorted(lesson.taught))
     if lesson.full:
         said.append(f"{taught}: the lesson is full, tap to repeat it; valid: up to {FULL:g} s")
-    elif held:
-        said.append(f"{', '.join(sorted(held))}: guided, {lesson.clock:.0f} s")
+    elif led := sorted(name for name in held if limbs[name].touched):
+        said.append(f"{', '.join(led)}: guided, {lesson.clock:.0f} s")
     elif lesson.taught:
         said.append(f"{taught}: taught; tap another part once, or any part twice, to repeat it")
     return replace(memory, lesson=lesson, said=tuple(said))

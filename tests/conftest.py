@@ -56,6 +56,7 @@ UNTIMED = [
 """Files in these folders whose results do not depend on real time, so they need not wait for live tests."""
 
 FIRST = [
+    "batch/test_gpu.py",
     "test_wheel.py",
     "lab/viewer",
     "drivers/test_driver.py",

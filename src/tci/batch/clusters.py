@@ -14,8 +14,10 @@ wp.set_module_options({"enable_backward": False})
 _l, _s = made_with(wp.func, _limbs, wp), made_with(wp.func, _skin, wp)
 segment_axes = _l.segment_axes
 variance_of, column_of, force_of = _s.variance_of, _s.column_of, _s.force_of
-on_limb, precedes, corner_weights = _s.on_limb, _s.precedes, _s.corner_weights
+on_limb, precedes, corner_weights, wins = _s.on_limb, _s.precedes, _s.corner_weights, _s.wins
 LAST = wp.constant(int(_skin.LAST))
+ALIKE = wp.constant(1e-3)
+"""`nearest.ALIKE` in single precision, whose ties differ by up to 1e-4."""
 PLACES = 8
 """Room for contacts on one patch."""
 
@@ -81,22 +83,27 @@ class Spot:
     p: wp.vec3
     n: wp.vec3
     far: float
+    face: int
 
 
 @wp.func
 def nearer(
-    point: wp.vec3, a: int, b: int, c: int, positions: wp.array(dtype=wp.vec3),
+    point: wp.vec3, face: int, faces: wp.array2d(dtype=int), positions: wp.array(dtype=wp.vec3),
     normals: wp.array(dtype=wp.vec3), best: Spot,
 ) -> Spot:  # fmt: skip
-    """`nearest._closer`: the nearest point of a triangle of taxels, or `best` if that is nearer."""
+    """The nearest point of a triangle of taxels, or `best` if that is nearer."""
+    a = faces[face, 0]
+    b = faces[face, 1]
+    c = faces[face, 2]
     u = positions[b] - positions[a]
     v = positions[c] - positions[a]
     d = point - positions[a]
     s, t = corner_weights(wp.dot(u, u), wp.dot(u, v), wp.dot(v, v), wp.dot(d, u), wp.dot(d, v))
     off = d - s * u - t * v
     far = wp.dot(off, off)
-    if far < best.far:
+    if wins(far, face, best.far, best.face, ALIKE):
         best.far = far
+        best.face = face
         best.p = (1.0 - s - t) * positions[a] + s * positions[b] + t * positions[c]
         best.n = (1.0 - s - t) * normals[a] + s * normals[b] + t * normals[c]
     return best
@@ -110,6 +117,7 @@ def nearest(
     """`nearest.nearest`: the nearest point of the surface of a patch."""
     best = Spot()
     best.far = float(1e30)
+    best.face = int(-1)
     nx = one.cells_x
     ny = one.cells_y
     nz = one.cells_z
@@ -150,10 +158,7 @@ def nearest(
                         if k >= 0:
                             cell = one.cell + (i * ny + j) * nz + k
                             for entry in range(cells[cell], cells[cell + 1]):
-                                f = cells[entry]
-                                best = nearer(
-                                    point, faces[f, 0], faces[f, 1], faces[f, 2], positions, normals, best
-                                )
+                                best = nearer(point, cells[entry], faces, positions, normals, best)
                         k += step
             shell += 1
     return best

@@ -168,7 +168,7 @@ class Touches:
                 row["site"], row["certainty"] = p, 1.0
                 for name in ("force", "peak", "area", "u", "theta", "p_L", "n_L", "p_T", "n_T"):
                     row[name] = touch[name]
-                row["f_T"] = -touch["force"] * touch["n_T"]
+                row["f_T"] = -row["force"] * row["n_T"]
                 row["limb_point"] = touch["u"], touch["y"], touch["z"]
                 members = np.flatnonzero(self.read("labels")[world, own] == touch["label"])
                 taxels = np.zeros(len(members), TAXEL)

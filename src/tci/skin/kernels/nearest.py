@@ -11,7 +11,11 @@ from tci.skin.kernels.arrays import LayoutArrays, Records
 from tci.support.compiled import inlined
 from tci.support.one_source import made_with
 
-_corner_weights = made_with(inlined, formulas).corner_weights
+ALIKE = 1e-11
+"""Relative difference of squared distances up to which faces count as equally near. Ties of double precision
+differ by less than 1e-12, other faces by more than 1e-2."""
+_f = made_with(inlined, formulas)
+_corner_weights, _wins = _f.corner_weights, _f.wins
 
 
 @inlined
@@ -22,7 +26,7 @@ def nearest(point: Vector, p: int, layout: LayoutArrays, p_L: Array, n_L: Array)
     All coordinates are in the frame of the patch's link. For a surface without faces, the result is the
     nearest taxel. The result equals the result of `Surface.project`.
     """
-    best = np.inf
+    best, chosen = np.inf, -1
     patch, taxels, faces, cells = layout.patches[p], layout.taxels, layout.faces, layout.cells
     nx, ny, nz = patch.cells[0], patch.cells[1], patch.cells[2]
     low, scale, first_cell = patch.corner, patch.cells_per_metre, patch.cell
@@ -59,7 +63,15 @@ def nearest(point: Vector, p: int, layout: LayoutArrays, p_L: Array, n_L: Array)
                     for entry in range(cells[cell], cells[cell + 1]):
                         f = cells[entry]
                         a, b, c = taxels[faces[f, 0]], taxels[faces[f, 1]], taxels[faces[f, 2]]
-                        best = _closer(point, a, b, c, best, p_L, n_L)
+                        s, t, distance2 = _nearest_of(point, a, b, c)
+                        if _wins(distance2, f, best, chosen, ALIKE):
+                            best, chosen = distance2, f
+                            rest = 1.0 - s - t
+                            for axis in range(3):
+                                p, q, r = a.position[axis], b.position[axis], c.position[axis]
+                                p_L[axis] = rest * p + s * q + t * r
+                                p, q, r = a.normal[axis], b.normal[axis], c.normal[axis]
+                                n_L[axis] = rest * p + s * q + t * r
     length = np.sqrt(_square(n_L[0], n_L[1], n_L[2]))
     n_L[0] /= length
     n_L[1] /= length
@@ -67,13 +79,9 @@ def nearest(point: Vector, p: int, layout: LayoutArrays, p_L: Array, n_L: Array)
 
 
 @inlined
-def _closer(point: Vector, a: Records, b: Records, c: Records, best: float, p_L: Array, n_L: Array) -> float:
-    """Finds the point of one triangle that is nearest to `point` [m]. If the squared distance is less than
-    `best` [m2], writes this point into `p_L` and the normal there into `n_L`. The corners are the taxels `a`,
-    `b` and `c`.
-
-    The length of the normal is not 1. Returns the smaller one of the squared distance and `best` [m2].
-    """
+def _nearest_of(point: Vector, a: Records, b: Records, c: Records) -> tuple[float, float, float]:
+    """Weights of the second and the third corner for the point of a triangle that is nearest to `point` [m],
+    and its squared distance [m2]. The corners are the taxels `a`, `b` and `c`."""
     p, q, r = a.position, b.position, c.position
     ax, ay, az = p[0], p[1], p[2]
     ux, uy, uz = q[0] - ax, q[1] - ay, q[2] - az
@@ -83,14 +91,7 @@ def _closer(point: Vector, a: Records, b: Records, c: Records, best: float, p_L:
         ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz,
         wx * ux + wy * uy + wz * uz, wx * vx + wy * vy + wz * vz,
     )  # fmt: skip
-    distance2: float = _square(wx - s * ux - t * vx, wy - s * uy - t * vy, wz - s * uz - t * vz)
-    if not distance2 < best:
-        return best
-    rest = 1.0 - s - t
-    for i in range(3):
-        p_L[i] = rest * p[i] + s * q[i] + t * r[i]
-        n_L[i] = rest * a.normal[i] + s * b.normal[i] + t * c.normal[i]
-    return distance2
+    return s, t, _square(wx - s * ux - t * vx, wy - s * uy - t * vy, wz - s * uz - t * vz)
 
 
 @inlined

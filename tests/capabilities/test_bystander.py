@@ -19,7 +19,7 @@ WALL = Struck(name="wall", stiffness=25e3, mass=1e6, force=280.0)
 def test_without_servos_a_blow_is_that_of_the_mass() -> None:
     free = Striker(2.0, 0.0, 0.0, 0.0)
     assert free.force_on(WALL, 0.5) == pytest.approx(0.5 * np.sqrt(2.0 * 25e3), rel=0.02)
-    assert free.force_on(WALL, 2.0 * spared([(free, 2.0)], [WALL])[0]) == pytest.approx(280.0, rel=0.02)
+    assert free.force_on(WALL, 2.0 * spared([(*free, 2.0)], [WALL])[0]) == pytest.approx(280.0, rel=0.02)
 
 
 def test_a_chest_in_the_way_of_a_talos_is_spared() -> None:

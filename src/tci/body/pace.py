@@ -11,10 +11,12 @@ import numpy as np
 from tci.body.retreat import Retreat
 from tci.errors import DescriptionError
 from tci.messages.frames import Array
-from tci.robot.blow import Striker, Strikers, Struck, spared
+from tci.robot.blow import Struck, drives_of, spared
 from tci.robot.description import Robot
 from tci.robot.dynamics import Dynamics
 from tci.robot.joint_calibration import JointCalibration
+from tci.robot.joint_map import joint_map
+from tci.robot.kernels.blow import strikes
 
 MARGIN = 1.1
 """Factor on the predicted force. References keep 15 % below the asked speed besides. Blows on a simulated
@@ -42,37 +44,42 @@ class Paces:
     """Predicts blows of one robot. Threads may share it."""
 
     def __init__(self, robot: Robot, retreat: Retreat) -> None:
-        self._retreat, self._lock, self._strikers = retreat, Lock(), Strikers(robot)
+        self._retreat, self._lock, self._dynamics = retreat, Lock(), None
         try:
-            self._dynamics: Dynamics | None = Dynamics(robot, JointCalibration(robot=robot.name))
+            self._dynamics = dynamics = Dynamics(robot, JointCalibration(robot=robot.name))
         except DescriptionError:  # no model, or no masses
-            self._dynamics = None
+            return
+        drives = drives_of(robot)
+        self._drives = drives._replace(
+            torques=dynamics.by_freedom(drives.torques),
+            accelerations=dynamics.by_freedom(drives.accelerations),
+        )
+        self._links = {
+            part.name: dynamics.links(joint_map(robot, part.name).servos.tolist()) for part in robot.parts
+        }
 
     def pace(
         self, position: Array, part: str, posture: Array, target: Array, people: Sequence[Struck]
     ) -> Pace:
         """The pace for a motion of `part` from `posture` to `target`, both (n,) [rad], that spares `people`.
         The servos are at `position` (n_servos,) [rad]."""
-        if not people:
+        if not people or self._dynamics is None:
             return UNBOUNDED
         servos, way, most = self._retreat.fastest(position, part, target)
-        if self._dynamics is None or not np.isfinite(most) or not np.abs(way).max(initial=0.0) > 1e-4:
+        if not np.isfinite(most) or not np.abs(way).max(initial=0.0) > 1e-4:
             return UNBOUNDED
-        rates, own = np.zeros(len(position)), {*servos.tolist()}
+        rates = np.zeros(len(position))
         rates[servos] = way * most
-        blows: list[tuple[Striker, float]] = []
+        rates, links, count = self._dynamics.by_freedom(rates), self._links[part], 0
+        moved, room = np.empty((2, 3, len(rates))), np.empty((len(rates), len(rates) + 1))
+        blows = np.empty((len(AT) * len(links.bodies), 5))
         for at in AT:
             there = position.copy()
             there[servos] += at * way
             with self._lock:
-                inertia, _ = self._dynamics.at(there, np.zeros(len(there)))
-                centres = self._dynamics.centres(own)
-            velocities = centres @ rates
-            speeds = np.sqrt((velocities**2).sum(axis=1)).tolist()
-            for moved, velocity, speed in zip(centres, velocities, speeds, strict=True):
-                if speed > 1e-3 and (one := self._strikers.behind(inertia, velocity / speed @ moved)):
-                    blows.append((one, speed))
-        share, force = spared(blows, people, margin=MARGIN)
+                posed = self._dynamics.posed(there)
+                count += strikes(posed, links, self._drives, rates, moved, room, blows[count:])
+        share, force = spared(blows[:count], people, margin=MARGIN)
         if share >= 1.0:
             return Pace(1.0, None, MARGIN * force)
         speed = float(np.abs(target - posture).max()) * most * share

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.body.kernels.goals import Within, keep_within
-from tci.body.kernels.rest_to_rest import TIMES, Speeds, peaks, predict
+from tci.body.kernels.rest_to_rest import TIMES, Speeds, predict, quickest
 from tci.body.kernels.retreat import NEAR, Chain, Room, retreats
 from tci.errors import CommandError, UnknownNameError
 from tci.gate.bounds import bounds_of
@@ -110,10 +110,9 @@ class Retreat:
         """How `part` moves to generic angles `target` (n,) [rad], if all its servos arrive together: the
         servos (k,), their ways (k,) [rad], and the greatest speed, in ways per second."""
         moved = self._part(part)
-        servos, limits = moved.joints.servos, moved.speeds(position)
+        servos = moved.joints.servos
         way = moved.goal(target, position) - position[servos]
-        size = np.maximum(np.abs(way), 1e-9)
-        return servos, way, float((peaks(size, limits) / size).min(initial=np.inf))
+        return servos, way, quickest(way, moved.speeds(position))
 
     def _displacements(self, way: Array, moved: _Part, contacts: Contacts, radius: float) -> Array:
         """Displacements (3, k, c) [m] of the contact points in the k postures after the first of `way` (k +

@@ -14,11 +14,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tci.errors import CommandError
-from tci.messages.frames import Array
+from tci.messages.frames import Array, read_only
 from tci.robot.description import Robot
-from tci.robot.kernels.blow import behind, peak, spare
+from tci.robot.kernels.blow import Drives, behind, peak, spare
 
 BANDWIDTH = 100.0
 """Natural frequency [rad/s] of a servo, critically damped. Nobody publishes it; those of good humanoids are
@@ -80,26 +81,29 @@ class Strikers:
     """Finds what is behind the places of one robot."""
 
     def __init__(self, robot: Robot) -> None:
-        limits = [servo.limits for servo in robot.servos]
-        self._torques = np.array([one.torque or 0.0 for one in limits])
-        # a servo has at least the torque that its acceleration limit needs
-        self._accelerations = np.array([one.acceleration or 20.0 for one in limits])
+        self._drives = drives_of(robot)
 
     def behind(self, inertia: Array, moved: Array) -> Striker | None:
         """What is behind a place that servo speeds move by `moved` (n_servos,) [m/rad] along the direction of
         the blow. `inertia` (n_servos, n_servos) [kg m2] is that of the links. None if no servo moves the
         place."""
         room, found = np.empty((len(moved), len(moved) + 1)), np.empty(4)
-        some = behind(inertia, moved, self._torques, self._accelerations, ROTOR, BANDWIDTH, room, found)
-        return Striker(*found.tolist()) if some else None
+        return Striker(*found.tolist()) if behind(inertia, moved, self._drives, room, found) else None
 
 
-def spared(
-    blows: Sequence[tuple[Striker, float]], people: Sequence[Struck], *, margin: float = 1.0
-) -> tuple[float, float]:
-    """The largest share of their speeds [m/s], at most 1, at which `margin` times the force of a blow exceeds
-    nothing that `people` may get, and the largest force [N] at that share, without the margin."""
-    rows = np.array([(*one, speed) for one, speed in blows]).reshape(-1, 5)
+def drives_of(robot: Robot) -> Drives:
+    """What each servo can do, in the order of `Robot.servos`."""
+    limits = [servo.limits for servo in robot.servos]
+    # a servo has at least the torque that its acceleration limit needs
+    accelerations = read_only([one.acceleration or 20.0 for one in limits])
+    return Drives(read_only([one.torque or 0.0 for one in limits]), accelerations, ROTOR, BANDWIDTH)
+
+
+def spared(blows: ArrayLike, people: Sequence[Struck], *, margin: float = 1.0) -> tuple[float, float]:
+    """The largest share of the speeds of m blows, at most 1, at which `margin` times their force exceeds
+    nothing that `people` may get, and the largest force [N] at that share, without the margin. `blows` (m, 5)
+    are the numbers of a `Striker` and its speed [m/s]."""
+    rows = np.asarray(blows, np.float64).reshape(-1, 5)
     regions = np.array([(one.stiffness, one.mass, one.force) for one in people]).reshape(-1, 3)
     share, force = spare(rows, regions, margin, REACTION)
     return share, force

@@ -9,10 +9,11 @@ from functools import lru_cache
 import numpy as np
 
 from tci.errors import UnknownNameError
-from tci.messages.frames import Array, read_only
+from tci.messages.frames import Array, frozen, read_only
 from tci.robot.description import Robot
 from tci.robot.gravity import STANDARD_GRAVITY, weighted_model
 from tci.robot.joint_calibration import JointCalibration, Tool
+from tci.robot.kernels.blow import Links, Posed
 from tci.robot.kinematics import joints_of
 from tci.support.engine import mujoco
 
@@ -58,6 +59,9 @@ class Dynamics:
         self._full = np.zeros((self._model.nv, self._model.nv))
         self._bias = np.zeros(self._model.nv)
         self._n = len(robot.servos)
+        data = self._data
+        arrays = self._full, data.xipos, data.xanchor, data.xaxis
+        self._posed = Posed(*[frozen(one.view()) for one in arrays])
 
     def __reduce__(self) -> tuple[type[Dynamics], tuple[Robot, JointCalibration]]:
         return type(self), self._made_of  # copies of this object share no memory
@@ -70,14 +74,10 @@ class Dynamics:
         default the torso is upright and at rest.
         """
         model, data = self._model, self._data
-        data.qpos[self._addresses] = position[self._servos]
+        self.posed(position)
         data.qvel[self._columns] = velocity[self._servos]
-        mujoco.mj_kinematics(model, data)
         R_WT = data.xmat[self._torso].reshape(3, 3) @ self._T_LT[:3, :3]
         model.opt.gravity[:] = R_WT @ UPRIGHT if gravity is None else gravity
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_crb(model, data)
-        mujoco.mj_fullM(model, data, self._full)
         mujoco.mj_comVel(model, data)
         mujoco.mj_rne(model, data, 0, self._bias)
         inertia, bias = np.zeros((self._n, self._n)), np.zeros(self._n)
@@ -85,20 +85,44 @@ class Dynamics:
         bias[self._servos] = self._bias[self._columns]
         return inertia, bias
 
-    def centres(self, servos: Collection[int]) -> Array:
-        """Jacobians (l, 3, n) [m/rad] of the centres of mass of those l links whose own joint one of `servos`
-        moves, in the posture of the last `at`, in the frame of the model's root."""
+    def posed(self, position: Array) -> Posed:
+        """MuJoCo's arrays at `position` (n,) [rad]; the next call of any method overwrites them."""
         model, data = self._model, self._data
+        data.qpos[self._addresses] = position[self._servos]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_crb(model, data)
+        mujoco.mj_fullM(model, data, self._full)
+        return self._posed
+
+    def by_freedom(self, values: Array) -> Array:
+        """`values` (n,) of servos in the order of MuJoCo's degrees of freedom, 0 for one without a servo."""
+        found = np.zeros(self._model.nv)
+        found[self._columns] = values[self._servos]
+        return frozen(found)
+
+    def links(self, servos: Collection[int]) -> Links:
+        """The links with a mass whose own joint one of `servos` moves."""
+        model = self._model
         driven = dict(zip(self._columns.tolist(), self._servos.tolist(), strict=True))
-        found, whole = [], np.zeros((3, model.nv))
-        for body in range(1, model.nbody):
-            last = int(model.body_dofadr[body]) + int(model.body_dofnum[body]) - 1
-            if model.body_dofnum[body] and driven.get(last) in servos and model.body_mass[body] > 0.0:
-                mujoco.mj_jacBodyCom(model, data, whole, None, body)
-                one = np.zeros((3, self._n))
-                one[:, self._servos] = whole[:, self._columns]
-                found.append(one)
-        return np.array(found).reshape(-1, 3, self._n)
+        last = (model.body_dofadr + model.body_dofnum - 1).tolist()
+        bodies = [
+            body
+            for body in range(1, model.nbody)
+            if model.body_dofnum[body] and driven.get(last[body]) in servos and model.body_mass[body] > 0.0
+        ]
+        carries = np.zeros((len(bodies), model.nv), np.bool_)
+        for row, body in zip(carries, bodies, strict=True):
+            freedom = last[body]
+            while freedom >= 0:
+                row[freedom] = freedom in driven
+                freedom = int(model.dof_parentid[freedom])
+        joints = model.dof_jntid
+        slides = model.jnt_type[joints] == mujoco.mjtJoint.mjJNT_SLIDE
+        return Links(
+            read_only(bodies, np.int64), read_only(carries, np.bool_), read_only(joints, np.int64),
+            read_only(slides, np.bool_),
+        )  # fmt: skip
 
     def turned(self, link: str) -> Array:
         """How a link is turned (3, 3) in the posture of the last `at`, in the frame of the model's root."""

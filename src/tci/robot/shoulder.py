@@ -17,9 +17,8 @@ import numpy as np
 from tci.errors import DescriptionError, Fault
 from tci.messages.frames import Array, read_only
 from tci.robot.description import GenericPart, Robot
-from tci.robot.formulas import SIDEWAYS
 from tci.robot.generic_arm import shoulder_angles, side_sign, upper_arm_rotation
-from tci.robot.kernels.shoulder import ShoulderArrays, keep_inside, solve, solve_near
+from tci.robot.kernels.shoulder import ShoulderArrays, keep_inside, slopes, solve, solve_near
 from tci.robot.kinematics import KinematicChain
 
 SLANT = 0.05
@@ -145,23 +144,13 @@ class Shoulder:
         carried, other, _ = self._turns(angles)
         return np.column_stack([first, carried @ second, carried @ other @ third])
 
-    def spins(self, angles: Array, R_TM: Array) -> tuple[Array, Array]:
-        """Returns the axes of the generic joints (p, 3, 3) and of the servos (p, 3, 3) at p postures of the
-        servos, `angles` (p, 3) [rad]: as `generic_spin` and `spin`, for many postures at once."""
-        crosses, squares = self._crosses, self._squares
-        turned = angles[:, :, None, None]
-        turns = ONE + np.sin(turned) * crosses + (1.0 - np.cos(turned)) * squares
-        first, both = turns[:, 0], turns[:, 0] @ turns[:, 1]
-        a1, a2, a3 = self.axes
-        spin = np.stack([np.broadcast_to(a1, (len(angles), 3)), first @ a2, both @ a3], axis=-1)
-        R_MU = R_TM.T @ both @ turns[:, 2] @ self._at_zero
-        s, down = side_sign(self.side), -R_MU[:, :, 2]
-        ahead = np.hypot(down[:, 0], down[:, 2])
-        pitch = np.where(ahead < SIDEWAYS, 0.0, np.arctan2(down[:, 0], -down[:, 2]))
-        # the axis of abduction is level with the mount, and square to the axis of pitch
-        level = s * np.stack([np.cos(pitch), np.zeros(len(pitch)), np.sin(pitch)], axis=-1)
-        lead = np.broadcast_to([0.0, -1.0, 0.0], level.shape)
-        return R_TM @ np.stack([lead, level, s * down], axis=-1), spin
+    def slopes(self, angles: Array, R_TM: Array) -> Array | None:
+        """The derivatives (p, 3, 3) d generic / d servo at p postures of the servos, `angles` (p, 3) [rad];
+        None if the generic joints have none in one of them, at 90 degrees of abduction. `R_TM` (3, 3) is the
+        rotation of the arm's mount."""
+        found = np.empty((len(angles), 3, 3))
+        side = side_sign(self.side)
+        return found if slopes(angles, R_TM, side, self._arrays, SINGULAR, found) else None
 
     def generic(self, R_TU: Array, R_TM: Array) -> Array:
         """Returns the generic angles (3,) [rad] of an upper arm with the rotation `R_TU` (3, 3). `R_TM` (3,
@@ -173,16 +162,6 @@ class Shoulder:
         3) is the rotation of the arm's mount."""
         rotation: Array = R_TM @ upper_arm_rotation(generic, self.side, axial=True)
         return rotation
-
-    def generic_spin(self, generic: Array, R_TM: Array) -> Array:
-        """Returns the axes (3, 3) of the generic joints at the angles `generic` (3,) [rad], in the torso
-        frame, one axis per column."""
-        s = side_sign(self.side)
-        pitch = turn(np.array([0.0, -1.0, 0.0]), float(generic[0]))
-        roll = pitch @ turn(np.array([s, 0.0, 0.0]), float(generic[1]))
-        columns = [np.array([0.0, -1.0, 0.0]), pitch[:, 0] * s, -s * roll[:, 2]]
-        spin: Array = R_TM @ np.column_stack(columns)
-        return spin
 
 
 def nearest_point(on_first: Array, on_second: Array, first: Array, second: Array) -> Array:

@@ -59,6 +59,9 @@ class Transform(ABC):
     def slopes(self, angles: Array) -> Array:
         """Returns the derivatives (p, k, k) at p postures `angles` (p, k) [rad]. Raises CommandError where
         there is none."""
+        if self.constant:
+            slope = self.slope(angles[0])
+            return np.broadcast_to(slope, (len(angles), *slope.shape))
         return np.array([self.slope(one) for one in angles])
 
     def speeds(self, angles: Array, most: Array) -> Array:
@@ -176,13 +179,12 @@ class Retarget(Transform):
 
     def __init__(self, robot: Robot, part: GenericPart, joints: list[GenericServo]) -> None:
         """Creates the transform. Raises the errors that Shoulder raises."""
-        from tci.robot.shoulder import SINGULAR, shoulder_of  # only this transform needs the model
+        from tci.robot.shoulder import shoulder_of  # only this transform needs the model
 
         super().__init__(joints)
         self._shoulder = shoulder_of(robot, part.name)
-        self._R_TM = part.R_TM
+        self._R_TM = np.ascontiguousarray(part.R_TM)
         self._name = part.name
-        self._least = SINGULAR
 
     def generic(self, angles: Array) -> Array:
         return self._shoulder.generic(self._shoulder.rotation(angles), self._R_TM)
@@ -196,18 +198,13 @@ class Retarget(Transform):
     def slope(self, angles: Array) -> Array:
         """Returns the derivative d generic / d servo (3, 3). Raises CommandError at 90 degrees of abduction,
         where the generic shoulder is singular."""
-        axes = self._shoulder.generic_spin(self.generic(angles), self._R_TM)
-        self._check(axes)
-        return np.array(np.linalg.solve(axes, self._shoulder.spin(angles)))
+        return np.array(self.slopes(angles[None])[0])
 
     def slopes(self, angles: Array) -> Array:
-        axes, spin = self._shoulder.spins(angles, self._R_TM)
-        self._check(axes)
-        return np.array(np.linalg.solve(axes, spin))
-
-    def _check(self, axes: Array) -> None:
-        if (np.abs(np.linalg.det(axes)) < self._least).any():
+        slopes = self._shoulder.slopes(angles, self._R_TM)
+        if slopes is None:
             raise CommandError(f"{self._name}: at 90 degrees of abduction no generic velocity is defined")
+        return slopes
 
     def speeds(self, angles: Array, most: Array) -> Array:
         """Returns `most` (k,) [rad/s], the speeds in the description, unchanged: in a retargeted shoulder

@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, int64, void
+from numba import boolean, float64, int64, void
 from numpy.typing import NDArray
 
 from tci.messages.frames import Array
@@ -105,7 +105,10 @@ def _begun(t: float, peak: float, a: float, j: float) -> float:
     return peak * (0.5 * ramp - left) + j * left * left * left / 6.0
 
 
-@compiled(void(writes(2), reads(1, int64), reads(1), record(Speeds, reads(1), reads(1), reads(1)), boolean))
+_SPEEDS = record(Speeds, reads(1), reads(1), reads(1))
+
+
+@compiled(void(writes(2), reads(1, int64), reads(1), _SPEEDS, boolean))
 def predict(way: Array, servos: NDArray[np.int64], goal: Array, most: Speeds, together: bool) -> None:
     """Writes the path of k servos from rest to rest into `way` (7, n).
 
@@ -133,11 +136,13 @@ def predict(way: Array, servos: NDArray[np.int64], goal: Array, most: Speeds, to
             way[1 + k, servos[i]] = here + side * _travelled(t, apart, peak, a, j)
 
 
-def peaks(distances: Array, limits: Speeds) -> Array:
-    """Peak speeds (k,) [rad/s] of the fastest motions over `distances` (k,) [rad]: `_fastest_peak`."""
-    v, a, j = limits
-    lost = a * a / j
-    ramps = 0.5 * (np.sqrt(lost * lost + 4.0 * a * distances) - lost)
-    short = distances * j * j <= 2.0 * a**3
-    found: Array = np.minimum(v, np.where(short, (0.5 * distances * np.sqrt(j)) ** (2.0 / 3.0), ramps))
+@compiled(float64(reads(1), _SPEEDS))
+def quickest(ways: Array, most: Speeds) -> float:
+    """Greatest speed, in ways per second, of k servos with the `ways` (k,) [rad] that arrive together;
+    infinite without servos."""
+    found: float = np.inf
+    for i in range(len(ways)):
+        apart = max(abs(ways[i]), 1e-9)
+        peak = _fastest_peak(apart, most.velocity[i], most.acceleration[i], most.jerk[i])
+        found = min(found, peak / apart)
     return found

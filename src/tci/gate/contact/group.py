@@ -52,6 +52,8 @@ class Group:
     path: Path = field(default_factory=Path)
     noticing: Noticing = field(default_factory=Noticing)
     softness: Softness = field(default_factory=Softness)
+    own: frozenset[int] = field(init=False)
+    """The same servos."""
     sags: Sags = field(init=False)
     sag: Sag = field(default_factory=Sag)
     before: Array | None = None
@@ -79,7 +81,7 @@ class Group:
     """It is freed on an operator's word."""
 
     def __post_init__(self) -> None:
-        self.sags = Sags(self.servos)
+        self.own, self.sags = frozenset(self.servos.tolist()), Sags(self.servos)
 
     @property
     def name(self) -> str:

@@ -121,7 +121,8 @@ class ContactReaction:
         self._freeing = True
 
     def _groups_of(self, servos: NDArray[np.intp]) -> Iterator[Group]:
-        return (one for one in self._groups.values() if np.isin(servos, one.servos).any())
+        named = servos.tolist()
+        return (one for one in self._groups.values() if not one.own.isdisjoint(named))
 
     def forget(self) -> None:
         """Forgets paths and reactions, since the servos are under command no more."""
@@ -440,5 +441,5 @@ class ContactReaction:
     def _note_motion(self, reference: Reference) -> None:
         moving = reference.servos[np.abs(reference.velocity) > MOVES].tolist()
         for group in self._groups.values():
-            if not {*group.servos.tolist()}.isdisjoint(moving):
+            if not group.own.isdisjoint(moving):
                 group.moved = self._now

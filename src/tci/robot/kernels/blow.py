@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import boolean, float64
+from numba import boolean, float64, int64
+from numpy.typing import NDArray
 
 from tci.messages.frames import Array
-from tci.support.compiled import compiled, inlined, reads, returns, views, writes
+from tci.support.compiled import compiled, inlined, reads, record, returns, views, writes
 
 STEP = 5e-4
 """[s]: a hand of 0.6 kg on 75 N/mm still swings over 30 steps."""
@@ -14,6 +17,50 @@ LONGEST = 0.25
 """[s]: every blow has its peak by then."""
 HALVINGS = 7
 """Halvings of the range in which a speed is looked for: to 1 %."""
+STANDS = 1e-3
+"""Speed [m/s] up to which a link strikes nobody."""
+
+
+class Posed(NamedTuple):
+    """MuJoCo's arrays in one posture of a model with n degrees of freedom, b bodies and j joints."""
+
+    inertia: Array
+    """(n, n) [kg m2] of the links."""
+    centres: Array
+    """Centres of mass (b, 3) [m] in the world frame."""
+    anchors: Array
+    """A point (j, 3) [m] of each axis, in the world frame."""
+    axes: Array
+    """(j, 3) in the world frame."""
+
+
+class Links(NamedTuple):
+    """Those l links of a model that may strike somebody."""
+
+    bodies: NDArray[np.int64]
+    """(l,)."""
+    carries: NDArray[np.bool_]
+    """True (l, n) for each degree of freedom with which a servo moves the link."""
+    joints: NDArray[np.int64]
+    """Joint (n,) of each degree of freedom."""
+    slides: NDArray[np.bool_]
+    """True (n,) for a prismatic joint."""
+
+
+class Drives(NamedTuple):
+    """What the servos of n degrees of freedom can do, by the robot's description."""
+
+    torques: Array
+    """(n,) [N m] at most."""
+    accelerations: Array
+    """(n,) [rad/s2] that each reaches at least."""
+    rotor: float
+    """Inertia of a motor as a fraction of the links' own."""
+    bandwidth: float
+    """Natural frequency [rad/s] of a servo."""
+
+
+_DRIVES = record(Drives, reads(1), reads(1), float64, float64)
 
 
 @inlined
@@ -22,14 +69,15 @@ def _peak(
     reaction: float,
 ) -> float:  # fmt: skip
     x, v, y, w, reference, most = 0.0, speed, 0.0, 0.0, 0.0, 0.0
+    own, other = STEP / mass, STEP / struck
     for i in range(int(LONGEST / STEP)):
         goes = speed if i * STEP < reaction else 0.0
         reference += goes * STEP
         push = stiffness * (reference - x) + damping * (goes - v)
         push = min(max(push, -stall), stall)
         force = max(spring * (x - y), 0.0)
-        v += (push - force) / mass * STEP
-        w += force / struck * STEP
+        v += (push - force) * own
+        w += force * other
         x += v * STEP
         y += w * STEP
         most = max(most, force)
@@ -58,24 +106,8 @@ def peak(
     return _peak(mass, stiffness, damping, stall, speed, spring, struck, reaction)
 
 
-@compiled(boolean(views(2), views(1), reads(1), reads(1), float64, float64, writes(2), writes(1)))
-def behind(
-    inertia: Array, moved: Array, torques: Array, accelerations: Array, rotor: float, bandwidth: float,
-    room: Array, found: Array,
-) -> bool:  # fmt: skip
-    """What is behind a place along one direction: effective mass [kg], stiffness [N/m], damping [N s/m] and
-    stall force [N] in `found` (4,). False if no servo moves the place.
-
-    Args:
-        inertia: (n, n) [kg m2] of the links.
-        moved: (n,) [m/rad] by which the servos move the place along the direction.
-        torques: (n,) [N m] most of each servo by its description.
-        accelerations: (n,) [rad/s2] which each servo reaches at least.
-        rotor: Inertia of a motor as a fraction of the links' own.
-        bandwidth: Natural frequency [rad/s] of the servos.
-        room: (n, n + 1), overwritten.
-        found: (4,), overwritten.
-    """
+@inlined
+def _behind(inertia: Array, moved: Array, drives: Drives, room: Array, found: Array) -> bool:
     # mass = 1 / (row^T M^-1 row), with M = L L^T: |L^-1 row|^2; L and L^-1 row are in `room`
     n = len(moved)
     gives, bends, stall = 0.0, 0.0, np.inf
@@ -93,7 +125,7 @@ def behind(
                     value -= room[i, c] * room[k, c]
             room[i, k] = value / room[k, k]
             half -= room[i, k] * room[k, n]
-        own = (1.0 + rotor) * inertia[i, i]
+        own = (1.0 + drives.rotor) * inertia[i, i]
         value = own
         for c in range(i):
             if room[c, c] != 0.0:
@@ -102,12 +134,84 @@ def behind(
         room[i, n] = half / room[i, i]
         gives += room[i, n] * room[i, n]
         bends += moved[i] * moved[i] / own
-        stall = min(stall, max(torques[i], own * accelerations[i]) / abs(moved[i]))
+        stall = min(stall, max(drives.torques[i], own * drives.accelerations[i]) / abs(moved[i]))
     if bends == 0.0:
         return False
-    stiffness = bandwidth * bandwidth / bends
-    found[0], found[1], found[2], found[3] = 1.0 / gives, stiffness, 2.0 * stiffness / bandwidth, stall
+    stiffness = drives.bandwidth * drives.bandwidth / bends
+    found[0], found[1], found[2], found[3] = 1.0 / gives, stiffness, 2.0 * stiffness / drives.bandwidth, stall
     return True
+
+
+@compiled(boolean(views(2), views(1), _DRIVES, writes(2), writes(1)))
+def behind(inertia: Array, moved: Array, drives: Drives, room: Array, found: Array) -> bool:
+    """What is behind a place along one direction: effective mass [kg], stiffness [N/m], damping [N s/m] and
+    stall force [N] in `found` (4,). False if no servo moves the place.
+
+    Args:
+        inertia: (n, n) [kg m2] of the links.
+        moved: (n,) [m/rad] by which the servos move the place along the direction.
+        drives: What the servos can do.
+        room: (n, n + 1), overwritten.
+        found: (4,), overwritten.
+    """
+    some: bool = _behind(inertia, moved, drives, room, found)
+    return some
+
+
+@compiled(
+    int64(
+        record(Posed, *[reads(2)] * 4),
+        record(Links, reads(1, int64), reads(2, boolean), reads(1, int64), reads(1, boolean)),
+        _DRIVES, reads(1), writes(3), writes(2), writes(2),
+    )
+)  # fmt: skip
+def strikes(
+    posed: Posed, links: Links, drives: Drives, rates: Array, moved: Array, room: Array, found: Array
+) -> int:
+    """Writes what is behind the centre of each link that moves, along its velocity, and its speed into rows
+    of `found` (l, 5), and returns their number.
+
+    Args:
+        posed: The robot in the posture in which the links strike.
+        links: Which links.
+        drives: What the servos can do.
+        rates: Speeds (n,) [rad/s].
+        moved: (2, 3, n), overwritten.
+        room: (n, n + 1), overwritten.
+        found: Mass, stiffness, damping and stall force as `behind` finds them, and speed [m/s].
+    """
+    count, n = 0, len(rates)
+    columns, along = moved[0], moved[1, 0]
+    for one in range(len(links.bodies)):
+        velocity = (0.0, 0.0, 0.0)
+        for i in range(n):
+            x, y, z = 0.0, 0.0, 0.0
+            if links.carries[one, i]:
+                joint = links.joints[i]
+                axis, anchor, centre = (
+                    posed.axes[joint],
+                    posed.anchors[joint],
+                    posed.centres[links.bodies[one]],
+                )
+                a, b, c = centre[0] - anchor[0], centre[1] - anchor[1], centre[2] - anchor[2]
+                if links.slides[i]:
+                    x, y, z = axis[0], axis[1], axis[2]
+                else:
+                    x = axis[1] * c - axis[2] * b
+                    y = axis[2] * a - axis[0] * c
+                    z = axis[0] * b - axis[1] * a
+            columns[0, i], columns[1, i], columns[2, i] = x, y, z
+            velocity = velocity[0] + x * rates[i], velocity[1] + y * rates[i], velocity[2] + z * rates[i]
+        speed = np.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2)
+        if not speed > STANDS:
+            continue
+        for i in range(n):
+            way = velocity[0] * columns[0, i] + velocity[1] * columns[1, i] + velocity[2] * columns[2, i]
+            along[i] = way / speed
+        if _behind(posed.inertia, along, drives, room, found[count]):
+            found[count, 4] = speed
+            count += 1
+    return count
 
 
 @compiled(returns(float64, float64)(reads(2), reads(2), float64, float64))
@@ -122,27 +226,24 @@ def spare(blows: Array, people: Array, margin: float, reaction: float) -> tuple[
         reaction: [s].
     """
     share = 1.0
-    for i in range(len(blows)):
-        mass, stiffness, damping, stall, speed = blows[i]
-        for j in range(len(people)):
-            spring, struck, most = people[j]
-            low, high = 0.0, share
-            force = _peak(mass, stiffness, damping, stall, share * speed, spring, struck, reaction)
-            if margin * force <= most:
-                continue
-            for _ in range(HALVINGS):
-                middle = 0.5 * (low + high)
-                force = _peak(mass, stiffness, damping, stall, middle * speed, spring, struck, reaction)
+    while True:
+        before, largest = share, 0.0
+        for i in range(len(blows)):
+            mass, stiffness, damping, stall, speed = blows[i]
+            for j in range(len(people)):
+                spring, struck, most = people[j]
+                force = _peak(mass, stiffness, damping, stall, share * speed, spring, struck, reaction)
+                largest = max(largest, force)
                 if margin * force <= most:
-                    low = middle
-                else:
-                    high = middle
-            share = low
-    largest = 0.0
-    for i in range(len(blows)):
-        mass, stiffness, damping, stall, speed = blows[i]
-        for j in range(len(people)):
-            spring, struck, _ = people[j]
-            force = _peak(mass, stiffness, damping, stall, share * speed, spring, struck, reaction)
-            largest = max(largest, force)
-    return share, largest
+                    continue
+                low, high = 0.0, share
+                for _ in range(HALVINGS):
+                    middle = 0.5 * (low + high)
+                    force = _peak(mass, stiffness, damping, stall, middle * speed, spring, struck, reaction)
+                    if margin * force <= most:
+                        low = middle
+                    else:
+                        high = middle
+                share = low
+        if share == before:
+            return share, largest

@@ -4,14 +4,15 @@ Li and Sastry 1994, 3.3). Rotations beyond the limits are approached by damped l
 
 from __future__ import annotations
 
-from math import atan2, pi, sqrt
+from math import atan2, cos, pi, sin, sqrt
 from typing import NamedTuple
 
-from numba import int64, void
+from numba import boolean, float64, int64, void
 
 from tci.messages.frames import Array
 from tci.robot import formulas
-from tci.support.compiled import compiled, inlined, reads, record, writes
+from tci.robot.formulas import SIDEWAYS
+from tci.support.compiled import compiled, inlined, reads, record, views, writes
 from tci.support.one_source import made_with
 
 Vector = tuple[float, float, float]
@@ -264,3 +265,39 @@ def keep_inside(R_TU: Array, near: Array, shoulder: ShoulderArrays, best: Array)
             else:
                 best[i] = max(best[i], b[i] + more[i])
         return
+
+
+@compiled(boolean(views(2), reads(2), float64, _SHOULDER, float64, writes(3)))
+def slopes(
+    angles: Array, R_TM: Array, side: float, shoulder: ShoulderArrays, least: float, found: Array
+) -> bool:
+    """Writes the derivatives d generic / d servo at `angles` (p, 3) [rad] into `found` (p, 3, 3). False if
+    the determinant of the generic joints' axes is below `least` in one posture.
+
+    Both are axes in the torso frame: those of the servos are the generic ones times the derivative. `R_TM`
+    (3, 3) is the rotation of the arm's mount; `side` is +1 on the left.
+    """
+    first, second, third = _vector(shoulder.axes[0]), _vector(shoulder.axes[1]), _vector(shoulder.axes[2])
+    ahead = R_TM[0, 0], R_TM[1, 0], R_TM[2, 0]
+    up = R_TM[0, 2], R_TM[1, 2], R_TM[2, 2]
+    lead = -R_TM[0, 1], -R_TM[1, 1], -R_TM[2, 1]
+    for k in range(len(angles)):
+        q = _vector(angles[k])
+        s2, s3 = _turned(first, q[0], second), _turned(first, q[0], _turned(second, q[1], third))
+        own = _turned(second, q[1], _turned(third, q[2], _vector(shoulder.upper_arm[2])))
+        z = _turned(first, q[0], own)
+        x, y = _dot(ahead, z), _dot(up, z)
+        pitch = 0.0 if sqrt(x * x + y * y) < SIDEWAYS else atan2(-x, y)
+        # the axis of abduction is level with the mount, and square to the axis of pitch
+        a, b = side * cos(pitch), side * sin(pitch)
+        level = a * ahead[0] + b * up[0], a * ahead[1] + b * up[1], a * ahead[2] + b * up[2]
+        last = -side * z[0], -side * z[1], -side * z[2]
+        rows = _cross(level, last), _cross(last, lead), _cross(lead, level)
+        det = _dot(lead, rows[0])
+        if abs(det) < least:
+            return False
+        for i in range(3):
+            found[k, i, 0] = _dot(rows[i], first) / det
+            found[k, i, 1] = _dot(rows[i], s2) / det
+            found[k, i, 2] = _dot(rows[i], s3) / det
+    return True

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import tci.batch
+import tci.simulation.stepping  # before a test changes the version by which it finds the library
 from helpers import ROOT
 from helpers.peers import peer_python
 from tci.errors import ClashError, MissingExtraError

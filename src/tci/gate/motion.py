@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -143,8 +144,10 @@ class Motion:
         """Sends servos to `angles` (k,) [rad] on the gate's own order, in whichever mode they are, at most
         with the speed `most` [rad/s], each as soon as it can: the one that presses need not wait for
         the one that has the longest way. Switches that waited for their rest are forgotten, with the commands
-        that came for the new mode."""
+        that came for the new mode. Servos that nobody commanded go on from where they are."""
         self._switches.let_go({*servos.tolist()})
+        with suppress(CommandError):  # one without limits stays stiff
+            self.groups.moving(np.setdiff1d(servos, self._torque.servos).tolist())
         for chain in self.groups.chains:
             mine = np.isin(servos, chain.servos)
             if not mine.any():

@@ -52,6 +52,12 @@ class Felt:
             one: felt.normal for one, felt in self.contacts.items() if not identities or one in identities
         }
 
+    @property
+    def sides(self) -> tuple[float, float]:
+        """Largest force [N], and the largest on another side of the group."""
+        most = max(self.contacts.items(), key=lambda one: one[1].force, default=None)
+        return (0.0, 0.0) if most is None else self.other_than({most[0]: most[1].normal})
+
     def other_than(self, first: Mapping[int, Array]) -> tuple[float, float]:
         """Largest force [N] of the contacts in `first` (with their normals) and of those like them, and of
         all others."""

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from tci.gate.contact.noticing import SIGN, TWICE, Seen
+from tci.gate.contact.weights import COARSE
 from tci.messages.frames import Array
 
 FELT_LATE = 0.2
@@ -17,12 +18,21 @@ at 0.5 it pressed the first again where they stand 5 mm apart, at 0 the second."
 STEPS = 4
 """So often it leaves the second by as much, while they bend a joint: once more, and it is at the first."""
 
+HIDES = float(np.deg2rad(0.4))
+"""Longest such way [rad] that ends a way back: a servo that dry friction bends by less still turns."""
+
 
 class First:
     """Whom a group met first, so that whoever else it meets on its way back is told from them."""
 
     def __init__(
-        self, contacts: Mapping[int, Array], seen: Seen, now: float, *, away: Array | None = None
+        self,
+        contacts: Mapping[int, Array],
+        seen: Seen,
+        now: float,
+        *,
+        away: Array | None = None,
+        between: bool = False,
     ) -> None:
         """Notes whom it met.
 
@@ -32,6 +42,7 @@ class First:
             seen: what the reading says.
             now: time [s].
             away: way (k,) [rad] from them towards whom it met before; None if there is nobody.
+            between: skin feels both.
         """
         self._contacts, self._begun = contacts, now
         self._there, self._pull = seen.here, seen.pull
@@ -39,7 +50,11 @@ class First:
         # what only torques tell of does not bend a joint yet
         self._bore = np.where(np.abs(seen.bears) > SIGN, seen.bears, 0.0)
         self._away = away
-        self.steps = 0 if away is None else STEPS
+        self.between = between
+        """It leaves both, as far as skin tells."""
+        self.frame: Mapping[int, float] = {}
+        """Forces [N] by which it did last."""
+        self.steps = 0 if away is None or between else STEPS
         """How often it may still go towards whom it met before."""
         self._behind = 0
         self._loose = None if away is None else seen.loose
@@ -84,12 +99,25 @@ class First:
         """True if it may go, or go on, towards whom it met first."""
         return self._away is None or self.steps > 0
 
-    def next(self, seen: Seen, now: float) -> First:
-        """Another, whom it meets on its way back."""
-        return First(seen.felt.of(()), seen, now, away=ROOM * (self._there - seen.here))
+    def next(self, seen: Seen, now: float, *, between: bool = False) -> First:
+        """Another, whom it meets on its way back, or (`between`) together with the first."""
+        away = ROOM * (self._there - seen.here)
+        return First(seen.felt.of(()), seen, now, away=away, between=between)
 
     def room(self, here: Array) -> Array:
         """Where the group goes from a second person, a little towards the first (k,) [rad]."""
         assert self._away is not None
         self.steps -= 1
         return here + self._away
+
+    def may_press(self, pull: Array) -> bool:
+        """True if a joint still pulls, by `pull` (k,) [rad], towards the second, whom it left. By so little,
+        dry friction may hold it."""
+        away = self._away
+        return away is not None and self.steps > 0 and bool((pull * np.sign(away) < -COARSE).any())
+
+    def last(self, here: Array) -> Array:
+        """Where it goes (k,) [rad] when the second seems free, and may not be."""
+        way = self.room(here) - here
+        self.steps = 0
+        return here + way * min(1.0, HIDES / max(float(np.abs(way).max()), 1e-9))

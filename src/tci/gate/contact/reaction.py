@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from tci.gate.contact.balance import Balance
 from tci.gate.contact.bearing import Bearing
+from tci.gate.contact.between import Between
 from tci.gate.contact.felt import Felt, FeltContact, FeltForces
 from tci.gate.contact.following import CLEAR, PROGRESS, Following
 from tci.gate.contact.group import Group, Way, make_groups
@@ -81,6 +82,7 @@ class ContactReaction:
             len(robot.servos), held=settings.held, lag=settings.lag, known=settings.stands
         )
         self._things = Things(robot, settings.fixtures)
+        self._between = Between(robot)
         self._bearing = Bearing(robot, known=settings.stands)
         self.load({})
         self._contacts: Contacts | None = None
@@ -208,6 +210,8 @@ class ContactReaction:
                 bears[group.servos] if group.goal is None else group.bears(joints, self._bearing),
             )  # fmt: skip
             goal: Array | None
+            # after a way back, who still bends a joint that nobody commands is pressed with its full torque
+            takes = (seen.loose > self._settings.held) & (group.goal is not None)
             if group.goal is None:
                 goal, why = self._look(group, seen, freeing=freeing)
                 if why:
@@ -218,7 +222,8 @@ class ContactReaction:
                 goal = self._judge(group, seen)
             if goal is not None:
                 speed = FREES if group.slow else None
-                ways.append(Way(group.servos[own], goal[own], speed))
+                sent = own | takes
+                ways.append(Way(group.servos[sent], np.where(own, goal, here)[sent], speed))
             met += self._tell(group, seen)
         if met:
             self._following.doubt()
@@ -356,6 +361,12 @@ class ContactReaction:
         assert group.goal is not None
         assert group.first is not None
         here, settings = seen.here, self._settings
+        between = self._between.leave(
+            group, seen, self._contacts or (), felt=settings.felt, now=self._now,
+            tips=lambda goal: self._tips(group, seen, goal),
+        )  # fmt: skip
+        if between is not None:
+            return between
         mine = np.isin(seen.reference.servos, seen.servos[seen.own])
         if (np.abs(seen.reference.velocity[mine]) > 1e-6).any():
             group.since = np.inf
@@ -404,6 +415,8 @@ class ContactReaction:
             # nowhere to go: the reference goes where the joint is, and as far again if no weight bent it so
             goal = here - np.where(np.abs(seen.pull) > seen.weights, seen.pull, 0.0)
             return None if np.array_equal(goal, group.goal) else group.goes(goal)
+        if not group.thing and group.first.may_press(self._references(group, seen) - here):
+            return group.goes(group.first.last(here))
         self._release(group)
         return None
 

@@ -2,7 +2,7 @@
 
 python ros2_client.py '{"trajectory": {"topic": ..., "names": [...], "points": [[seconds, [rad, ...]]]}}'
 
-The program prints its observations as JSON.
+The program prints its observations as JSON. `near` says how near to a goal counts.
 """
 
 import json
@@ -49,7 +49,9 @@ def wait(done, within: float = 40.0) -> None:
 
 
 def there(goal: dict[str, float]) -> bool:
-    return all(abs(found["position"][joint] - angle) < 0.01 for joint, angle in goal.items())
+    return all(
+        abs(found["position"][joint] - angle) < about.get("near", 0.01) for joint, angle in goal.items()
+    )
 
 
 def move(order, goal: dict[str, float]) -> None:

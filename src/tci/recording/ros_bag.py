@@ -21,6 +21,7 @@ from tci.recording.importing import FIRST, Imported, Plausibility, Unmeasured, c
 from tci.recording.names import servo_names
 from tci.recording.schemas import CLOUD, JOINTS, SKIN, raw_of_cloud, to_frame
 from tci.robot.description import Robot
+from tci.robot.wire_units import WireUnits, wire_joint
 from tci.support.installed import needs
 
 SUFFIXES = (".bag", ".db3", ".mcap")
@@ -124,13 +125,15 @@ def _joints(message: Any, robot: Robot, stamp: float, number: int) -> JointReadi
     """
     index = {name: place for place, name in enumerate(message.name)}
     names = zip(servo_names(robot), robot.servos, strict=True)
-    places = [index.get(name, index.get(servo.joint or name)) for name, servo in names]
+    places = [index.get(name, index.get(wire_joint(servo) or name)) for name, servo in names]
     if any(place is None for place in places) or len(message.position) != len(index):
         return None
     order = np.array(places, dtype=int)
     velocity = message.velocity if len(message.velocity) == len(index) else np.zeros(len(index))
-    torque = read_only(message.effort[order]) if len(message.effort) == len(index) else None
-    return JointReading(stamp, number, read_only(message.position[order]), read_only(velocity[order]), torque)
+    units = WireUnits(robot)
+    angles = units.angles(np.arange(len(order)), message.position[order])
+    torque = read_only(message.effort[order] * units.radius) if len(message.effort) == len(index) else None
+    return JointReading(stamp, number, read_only(angles), read_only(velocity[order] / units.radius), torque)
 
 
 def _raw(cloud: Any) -> NDArray[np.generic]:

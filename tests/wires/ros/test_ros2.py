@@ -273,6 +273,26 @@ def test_a_robot_that_tci_shows_is_an_ordinary_robot_to_ros(start: Start, namesp
     assert any("no joint 'Nonsense'" in reason for reason in found["refusals"])
 
 
+def test_a_gripper_tells_and_takes_metres_as_its_own_driver_does(start: Start, namespace: str) -> None:
+    """Of `franka_gripper`: a finger's place is its way, 0 to 0.04 m."""
+    python, finger = peer_python("ros2"), "panda_finger_joint1"
+    start(*(word.replace("nao", "franka-hand") for word in SERVE), f"ros2:{namespace}")
+    about = {
+        "namespace": namespace,
+        "cloud": "skin/left_palm/points",
+        "near": 5e-4,
+        "trajectory": {
+            "topic": "left_gripper_controller/joint_trajectory", "names": [finger],
+            "points": [[0.5, [0.03]]], "goal": {finger: 0.03},
+        },
+        "values": {"topic": "left_gripper_controller/commands", "data": [0.01], "goal": {finger: 0.01}},
+    }  # fmt: skip
+    client = start(python, str(HELPERS / "ros2_client.py"), json.dumps(about))
+    found = json.loads(client.communicate(timeout=100)[0].splitlines()[-1])
+    assert found["after_trajectory"][finger] == pytest.approx(0.03, abs=5e-4)
+    assert found["after_values"][finger] == pytest.approx(0.01, abs=5e-4)
+
+
 def test_a_behaviour_elsewhere_commands_a_robot_that_tci_shows(start: Start, namespace: str) -> None:
     start(*SERVE, f"ros2:{namespace}")
     with connect(tci.load_robot("nao"), f"ros2:{namespace}", arm=True, wait=60.0) as driver:

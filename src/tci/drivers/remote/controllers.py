@@ -22,6 +22,7 @@ from tci.messages import Mode, PlatformCommand
 from tci.messages.frames import Array
 from tci.reasons import Reason
 from tci.robot.description import Robot, Servo
+from tci.robot.wire_units import WireUnits
 
 KEEP = 1.0
 """Time [s] for which a part stays under command after its last order, so that the part comes to rest.
@@ -133,8 +134,10 @@ def position_order(servos: NDArray[np.intp], values: Array) -> PlatformCommand:
     )
 
 
-def values_order(robot_part: str, servos: tuple[Servo, ...], data: Any) -> PlatformCommand:
-    """Returns a command to move all servos of a robot part to positions [rad].
+def values_order(
+    robot_part: str, servos: tuple[Servo, ...], data: Any, units: WireUnits | None = None
+) -> PlatformCommand:
+    """Returns a command to move all servos of a robot part to the places of `data`, in `units` or [rad].
 
     Raises CommandError if the number of values is wrong or a value is not finite.
     """
@@ -142,7 +145,8 @@ def values_order(robot_part: str, servos: tuple[Servo, ...], data: Any) -> Platf
     if values.shape != (len(servos),) or not np.isfinite(values).all():
         found = f"commands for {robot_part}: {len(values)} values"
         raise CommandError(f"{found}; valid: {len(servos)} finite ones")
-    return position_order(np.array([servo.index for servo in servos], dtype=np.intp), values)
+    index = np.array([servo.index for servo in servos], dtype=np.intp)
+    return position_order(index, values if units is None else units.angles(index, values))
 
 
 def movable(order: PlatformCommand, robot: Robot) -> PlatformCommand:

@@ -16,6 +16,7 @@ from tci.messages.frames import Array, read_only
 from tci.recording.schemas import to_gravity
 from tci.robot.description import Robot
 from tci.robot.kinematics import KinematicChain
+from tci.robot.wire_units import WireUnits
 
 MOST_ORDERS = 32
 """Largest number of different lists of joint names that TCI stores for one robot. Assumed: a robot has fewer
@@ -39,7 +40,7 @@ class JointArrivals:
         """Stores the robot and `indices`. The keys of `indices` are joint names in ROS, and the values are
         indices of servos."""
         self._robot = robot
-        self._names = indices
+        self._names, self._units = indices, WireUnits(robot)
         self._orders: dict[tuple[str, ...], tuple[NDArray[np.intp], NDArray[np.intp]]] = {}
         self._clocks: dict[tuple[str, ...], SourceClock] = {}
         count = len(robot.servos)
@@ -72,14 +73,15 @@ class JointArrivals:
         stamp = self._clocks[names].place(stamp_of(fields), arrival)
         if stamp is None or not len(servos):
             return
-        new = np.asarray(position, dtype=float)[places]
+        new = self._units.angles(servos, np.asarray(position, dtype=float)[places])
+        radius = self._units.radius[servos]
         if len(velocity):
-            self._velocity[servos] = np.asarray(velocity, dtype=float)[places]
+            self._velocity[servos] = np.asarray(velocity, dtype=float)[places] / radius
         else:
             self._velocity[servos] = self._speed(servos, new, stamp)
         self._position[servos] = new
         if len(effort):
-            self._torque[servos] = np.asarray(effort, dtype=float)[places]
+            self._torque[servos] = np.asarray(effort, dtype=float)[places] * radius
         self._stamps[servos] = stamp
         oldest = float(self._stamps.min())
         if oldest > -np.inf and (self.latest is None or oldest != self.latest.stamp):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tci.errors import DriverError
 from tci.robot.description import Robot, Servo, wire_name
+from tci.robot.wire_units import wire_joint
 
 
 def token(name: str) -> str:
@@ -84,7 +85,7 @@ class Names:
 
     def joint(self, servo: Servo) -> str:
         """Returns the name of a joint, as in the kinematic model and in `robot_description`."""
-        return self._binding.address(servo.name, servo.joint or servo.name)
+        return self._binding.address(servo.name, wire_joint(servo) or servo.name)
 
     def trajectory(self, robot_part: str) -> str:
         """Returns the topic of trajectory_msgs/JointTrajectory for ros2_control's

@@ -17,6 +17,7 @@ from tci.messages import Reading
 from tci.messages.frames import Array
 from tci.recording.schemas import CLOUD, IMU, JOINTS, SKIN, raw_of_cloud, to_frame
 from tci.robot.description import Robot
+from tci.robot.wire_units import WireUnits
 from tci.shared.ros_node import Callback, Publish, RosNode
 from tci.wires.ros.arrivals import ImuArrivals, JointArrivals, SkinArrivals
 from tci.wires.ros.messages import NO_LAYOUT, TRAJECTORY, VALUES
@@ -42,7 +43,7 @@ class NativeRobot:
         self.joints = JointArrivals(robot, names.indices)
         self._imu = ImuArrivals(robot)
         self.skin = {patch.name: SkinArrivals(robot, patch.name) for patch in robot.skin}
-        self._parts = WholeParts(robot)
+        self._parts, self._units = WholeParts(robot), WireUnits(robot)
         self._out: dict[str, Publish] = {}
         node.subscribe(names.joints, JOINTS, self._timed(self.joints.receive), keep=QUEUE)
         if names.imu is not None:
@@ -86,11 +87,13 @@ class NativeRobot:
         for part, position in self._parts.complete(safe, self.reading().joints.position).items():
             self._out[part](self._message(part, np.array(position)))
 
-    def _message(self, part: str, position: Array) -> tuple[Any, ...]:
+    def _message(self, part: str, angles: Array) -> tuple[Any, ...]:
+        servos = self.robot.servos_of(part)
+        position = self._units.places(np.array([servo.index for servo in servos], dtype=np.intp), angles)
         if self._plain(part):
             return NO_LAYOUT, position
         duration = self._nanoseconds // 10**9, self._nanoseconds % 10**9
-        names = [self._names.joint(servo) for servo in self.robot.servos_of(part)]
+        names = [self._names.joint(servo) for servo in servos]
         return 0, 0, "", names, [(position, (), (), (), duration)]
 
     def _plain(self, part: str) -> bool:

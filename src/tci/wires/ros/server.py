@@ -30,6 +30,7 @@ from tci.recording.schemas import CLOUD, JOINTS, SKIN, joints_values, skin_value
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 from tci.robot.kinematics import KinematicChain
+from tci.robot.wire_units import WireUnits
 from tci.shared.ros_node import RosNode
 from tci.skin.surfaces import build_surface
 from tci.wires.ros.cloud import PatchCloud
@@ -58,6 +59,7 @@ class RosServer(RemoteServer):
             self._position = initial_position(robot)
             period = 1.0 / robot.binding(middleware).rate
             self._states, self._is_due = Every(period), False
+            self._units = WireUnits(robot)
             self._joint_names = [names.joint(servo) for servo in robot.servos]
             self._state = node.advertise(names.state, BYTES)
             self._joints = node.advertise(names.joints, JOINTS)
@@ -91,7 +93,8 @@ class RosServer(RemoteServer):
         self._position = reading.joints.position
         self._is_due = self._states.due(self.driver.clock.now())
         if self._is_due:
-            self._joints(joints_values(self._joint_names, reading.joints, self._epoch(reading.joints.stamp)))
+            told = self._units.told(reading.joints)
+            self._joints(joints_values(self._joint_names, told, self._epoch(told.stamp)))
         super().publish(reading, perception, sent)
         for reason in (*sent.refusals, *self._controllers.refusals(self.commanders.states())):
             self._refusals((reason.text,))
@@ -129,11 +132,13 @@ class RosServer(RemoteServer):
 
     def _execute_trajectory(self, part: str, fields: Mapping[str, Any]) -> None:
         joints = {self._names.joint(servo): servo.index for servo in self.driver.robot.servos_of(part)}
-        self._controllers.start(part, partial(Trajectory, part, joints, fields))
+        self._controllers.start(part, partial(Trajectory, part, joints, fields, self._units))
 
     def _execute_values(self, part: str, fields: Mapping[str, Any]) -> None:
         servos = self.driver.robot.servos_of(part)
-        self._controllers.start(part, lambda *_: Once(values_order(part, servos, fields["data"])))
+        self._controllers.start(
+            part, lambda *_: Once(values_order(part, servos, fields["data"], self._units))
+        )
 
     def _epoch(self, stamp: float) -> float:
         """Converts a time [s] on the driver's clock to ROS time, the seconds since 1970."""

@@ -12,6 +12,7 @@ from tci.drivers.remote.controllers import position_order
 from tci.errors import CommandError
 from tci.messages import PlatformCommand
 from tci.messages.frames import Array
+from tci.robot.wire_units import WireUnits
 
 MOST_POINTS = 10_000
 """Largest number of points of one trajectory, to bound the used memory. Assumed: trajectories have at most
@@ -22,13 +23,19 @@ class Trajectory:
     """A JointTrajectory in execution, interpolated linearly between its points."""
 
     def __init__(
-        self, part: str, servos: Mapping[str, int], fields: Mapping[str, Any], position: Array, now: float
+        self,
+        part: str,
+        servos: Mapping[str, int],
+        fields: Mapping[str, Any],
+        units: WireUnits,
+        position: Array,
+        now: float,
     ) -> None:
         """Starts a trajectory at the time `now` [s] from the robot's `position` (n_servos,) [rad].
 
-        `servos` are the indices of all servos of the part by joint name, `fields` the received message. A
-        message without points stops the joints that are named in the message. A message without points and
-        without joint names stops all joints of the part.
+        `servos` are the indices of all servos of the part by joint name, `fields` the received message in
+        `units`. A message without points stops the joints that are named in the message. A message without
+        points and without joint names stops all joints of the part.
 
         Raises CommandError if a joint does not belong to the part or is named twice, or if there are too many
         points. Also raises CommandError if a position is missing or not finite, or if the times do not
@@ -54,7 +61,7 @@ class Trajectory:
             if when < times[-1] or (number and when == times[-1]):
                 raise CommandError(f"{self._of}, point {number}: at {when:g} s, after {times[-1]:g} s")
             times.append(when)
-            places.append(place)
+            places.append(units.angles(self.servos, place))
         self._start, self._times, self._places = now, np.array(times), np.array(places)
         self._done = False
 

@@ -8,9 +8,9 @@ OUT ?= out
 # Where your index has no CPU build of PyTorch, it comes with 3 GB of CUDA, but for this:
 # make learn LEARN_INDEX=https://download.pytorch.org/whl/cpu
 LEARN_INDEX ?=
-# Live tests at a time: most of them wait, and a busy machine
-# makes robots hold.
-LIVE ?= 3
+# Live tests at a time: each may have a server with real-time priority, which needs 0.7 of a slow
+# processor; a busy machine makes robots hold.
+LIVE ?= 2
 # Everything else runs beside them, in the time of the processors that they leave.
 IDLE := $(if $(shell command -v chrt),chrt --idle 0,nice -n 19)
 

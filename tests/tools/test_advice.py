@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 from pathlib import Path
 from types import ModuleType
@@ -10,8 +9,8 @@ from types import ModuleType
 import pytest
 from lxml import etree
 
-from helpers import ROOT
 from helpers.made_humanoid import MadeHumanoid
+from helpers.programs import program
 from tci.errors import DescriptionError
 from tci.lab.authoring.proposal import propose
 
@@ -20,12 +19,7 @@ LINK = "left_wrist_pitch_link"
 
 @pytest.fixture(scope="module")
 def advice() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("advice", ROOT / "tools" / "advice.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return program("advice")
 
 
 def test_inertias_in_g_mm2_are_read_so(advice: ModuleType, tmp_path: Path) -> None:

@@ -3,30 +3,20 @@ and refuses wrong ones."""
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-from helpers import ROOT
 from helpers.made_humanoid import MadeHumanoid
+from helpers.programs import program
 from tci.lab.authoring.proposal import propose
 from tci.robot.description import GenericPart, Robot
-
-TOOL = ROOT / "tools" / "judge_proposal.py"
 
 
 @pytest.fixture(scope="module")
 def judge() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("judge_proposal", TOOL)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["judge_proposal"] = module
-    spec.loader.exec_module(module)
-    return module
+    return program("judge_proposal")
 
 
 @pytest.fixture(scope="module")

@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-import importlib.util
 import subprocess
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-from helpers import ROOT
 from helpers.peers import needs_program
-
-TOOL = ROOT / "tools" / "quick.py"
+from helpers.programs import program
 
 
 @pytest.fixture
 def quick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """Returns the tool in a folder with two modules and a test that uses one module through the other."""
-    spec = importlib.util.spec_from_file_location("quick", TOOL)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = program("quick")
     for path, text in {
         "src/inner.py": "ONE = 1\n",
         "src/outer.py": "from inner import ONE\n",

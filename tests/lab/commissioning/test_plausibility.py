@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
-import sys
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
-from helpers import ROOT
 from helpers.command_line import tci
 from helpers.made_humanoid import MadeHumanoid
+from helpers.programs import program
 from tci.lab.authoring.proposal import propose
 from tci.lab.commissioning.both_sides import posture_doubts
 from tci.lab.commissioning.plausibility import doubts, mirrored_limits
@@ -22,18 +20,10 @@ from tci.robot.catalogue import load_robot
 from tci.robot.description import GenericPart
 from tci.robot.xml.writer import write_robot
 
-TOOL = ROOT / "tools" / "planted.py"
-
 
 @pytest.fixture(scope="module")
 def planted() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("planted", TOOL)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["planted"] = module
-    spec.loader.exec_module(module)
-    return module
+    return program("planted")
 
 
 def test_a_patch_without_taxels_has_no_scale_to_doubt() -> None:

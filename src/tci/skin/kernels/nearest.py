@@ -68,10 +68,10 @@ def nearest(point: Vector, p: int, layout: LayoutArrays, p_L: Array, n_L: Array)
                             best, chosen = distance2, f
                             rest = 1.0 - s - t
                             for axis in range(3):
-                                p, q, r = a.position[axis], b.position[axis], c.position[axis]
-                                p_L[axis] = rest * p + s * q + t * r
-                                p, q, r = a.normal[axis], b.normal[axis], c.normal[axis]
-                                n_L[axis] = rest * p + s * q + t * r
+                                p_L[axis] = (
+                                    rest * a.position[axis] + s * b.position[axis] + t * c.position[axis]
+                                )
+                                n_L[axis] = rest * a.normal[axis] + s * b.normal[axis] + t * c.normal[axis]
     length = np.sqrt(_square(n_L[0], n_L[1], n_L[2]))
     n_L[0] /= length
     n_L[1] /= length

@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 import tci
-from tci.robot import catalogue
+from tci.robot import catalogue, xml
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position, joint_map, postures
+from tci.robot.kinematics import KinematicChain
 from tci.robot.per_robot import per_robot
 
 
@@ -87,3 +88,23 @@ def test_skin_is_built_once_for_each_robot_and_released_with_it() -> None:
     del robot, first, second
     gc.collect()
     assert gone() is None
+
+
+def test_chains_of_one_robot_share_what_they_compute() -> None:
+    """A gate needs four, and a body three: the tables were most of the time in which a gate was made."""
+    robot = tci.load_robot("icub").model_copy()
+    first, second = KinematicChain(robot), KinematicChain(robot)
+    assert second.steps is first.steps
+    assert second.sums is first.sums
+    assert KinematicChain(robot.model_copy()).steps is not first.steps
+    gone = weakref.ref(robot)
+    del robot
+    gc.collect()
+    assert gone() is None
+
+
+def test_a_second_load_by_name_reads_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = weakref.ref(tci.load_robot("nao"))
+    gc.collect()
+    monkeypatch.setattr(xml, "read_robot", lambda _: pytest.fail("read again"))
+    assert tci.load_robot("nao") is robot()

@@ -9,7 +9,6 @@ robot. Every other description in the robot's folder is a variant of this robot:
 from __future__ import annotations
 
 import os
-import weakref
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,8 +19,8 @@ if TYPE_CHECKING:
     from tci.robot.description import Robot
 
 Files = tuple[tuple[str, int, int], ...]
-"""The files that a description names. For each file: its path, its size [bytes], and the time [ns] of its
-last change."""
+"""A description and the files that it names. For each file: its path, its size [bytes], and the time [ns] of
+its last change."""
 GROUP = "tci.robots"
 """Entry-point group in which other packages name their robots."""
 FILE = "robot.xml"
@@ -29,10 +28,8 @@ MODELS = (".urdf", ".xacro", ".mjcf", ".sdf")
 """Endings of models without a description: what the robot's joints and skin mean is not in them."""
 
 _FOLDER = Path(__file__).with_name("robots")
-_known: weakref.WeakValueDictionary[str, Robot] = weakref.WeakValueDictionary()
-"""For each name, the robot that was loaded last, while a caller still uses this robot."""
-_files: dict[str, Files] = {}
-"""Path, size and time of change of each robot's files when the robot was last loaded, by the robot's name."""
+_known: dict[str, tuple[Robot, Files]] = {}
+"""For each name, the robot that was loaded last, and its files as they were then."""
 
 
 def robot_names() -> tuple[str, ...]:
@@ -57,44 +54,44 @@ def load_robot(name_or_path: str | os.PathLike[str]) -> Robot:
     """Returns a robot by its name, or by the path of its description. A text is a path if it contains a slash
     or ends in .xml.
 
-    While a robot is in use, a call with its name returns the existing object. Thus the skin and the collision
-    geometry of the robot are computed only once. If the description, its model file or a skin file has
-    changed, the call returns a new object.
+    A further call with the same name returns the same object, and reads nothing. Thus the skin and the
+    collision geometry of the robot are computed only once. If the description, its model file or a skin file
+    has changed, the call returns a new object.
 
     - Raises UnknownNameError, with the valid names, if there is no robot with this name.
     - Raises CommandError for a model, such as a URDF, in place of a description.
     - Raises DescriptionError, with all faults, if the description has faults.
     - Raises MissingExtraError if the model of the robot is in a package that is not installed.
     """
-    from tci.robot.xml import read_robot  # not at the top of the file: shell completion needs only the names
-
     text = os.fspath(name_or_path)
     if text.lower().endswith(MODELS):
         check_name(text)
     if not isinstance(name_or_path, str) or _is_path(text):
-        return read_robot(text)
+        return _read(text)
     packaged = _packaged()
-    if text in packaged:
-        return _shared(text, read_robot(packaged[text]))
-    check_name(text)
-    return _shared(text, read_robot(_path_of(_entries()[text])))
-
-
-def _shared(name: str, robot: Robot) -> Robot:
-    """Returns the existing robot with this name if it is equal to `robot` and its files have not changed;
-    otherwise `robot` itself."""
-    known, files = _known.get(name), _named_files(robot)
-    if known is not None and known == robot and _files[name] == files:
+    if text not in packaged:
+        check_name(text)
+    path = packaged.get(text) or _path_of(_entries()[text])
+    known, files = _known.get(text, (None, ()))
+    if known is not None and known.source == str(path.absolute()) and files == _named_files(known):
         return known
-    _known[name], _files[name] = robot, files
+    robot = _read(path)
+    _known[text] = robot, _named_files(robot)
     return robot
 
 
+def _read(path: str | Path) -> Robot:
+    from tci.robot.xml import read_robot  # not at the top of the file: shell completion needs only the names
+
+    return read_robot(path)
+
+
 def _named_files(robot: Robot) -> Files:
-    """Returns path, size and time of the last change of each model file and skin file of a robot. Leaves out
-    missing files."""
+    """Returns path, size and time of the last change of a robot's description, and of each model file and
+    skin file of the robot. Leaves out missing files."""
     model = robot.model
-    named = [] if model is None else [model.path, *(one.path for one in model.attachments)]
+    named = [robot.source]
+    named += [] if model is None else [model.path, *(one.path for one in model.attachments)]
     named += [file for patch in robot.patches if (file := getattr(patch.surface, "file", None))]
     found = []
     for path in dict.fromkeys(named):

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +21,7 @@ from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 from tci.robot.kinematics import joints_of
 from tci.robot.model_file import compiled
+from tci.robot.per_robot import per_robot
 from tci.support.engine import mujoco
 
 TOUCHING = 1e-6
@@ -176,6 +176,7 @@ class Clearance:
         return float(mujoco.mj_geomDistance(self._model, self._data, int(one), int(other), cutoff, None))
 
 
+@per_robot
 def without_skin(robot: Robot) -> Robot:
     """The robot with only those pads that are solid: robots that differ only in their skin share one model of
     collision geometry."""
@@ -202,16 +203,12 @@ def _solid_model(robot: Robot, fixtures: tuple[Fixture, ...]) -> mujoco.MjModel:
 
 def _pairs(model: mujoco.MjModel) -> NDArray[np.intp]:
     """Returns the pairs (m, 2) of geoms that can collide according to the MuJoCo model."""
-    excluded = set(model.exclude_signature.tolist())
-    result = []
-    for one, other in combinations(range(model.ngeom), 2):
-        mine, theirs = model.geom_contype[one], model.geom_contype[other]
-        if not (mine & model.geom_conaffinity[other] or theirs & model.geom_conaffinity[one]):
-            continue
-        low, high = sorted((int(model.geom_bodyid[one]), int(model.geom_bodyid[other])))
-        if low != high and (low << 16) + high not in excluded:
-            result.append((one, other))
-    return np.array(result, dtype=np.intp).reshape(-1, 2)
+    one, other = np.triu_indices(model.ngeom, 1)
+    meets = model.geom_contype[one] & model.geom_conaffinity[other]
+    meets |= model.geom_contype[other] & model.geom_conaffinity[one]
+    low, high = np.sort([model.geom_bodyid[one], model.geom_bodyid[other]], axis=0)
+    free = (meets != 0) & (low != high) & ~np.isin((low << 16) + high, model.exclude_signature)
+    return read_only(np.stack([one[free], other[free]], axis=1), np.intp)
 
 
 @lru_cache(maxsize=8)

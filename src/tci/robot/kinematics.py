@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from copy import copy
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from tci.robot.description import Model, Robot
 from tci.robot.kernels.links import STEP, VISIT, link_poses, pose_and_jacobian
 from tci.robot.like import RobotLike, as_robot
 from tci.robot.model_file import BOUND_INERTIA, BOUND_MASS, compiled, load_spec
+from tci.robot.per_robot import per_robot
 from tci.support.engine import mujoco
 
 _ORIGIN = np.zeros(3)
@@ -40,7 +42,7 @@ class KinematicChain:
     """
 
     def __init__(self, robot: RobotLike) -> None:
-        """Reads the robot's model.
+        """Reads the robot's model. All chains of one robot share what they compute.
 
         Raises DescriptionError if the robot has no model, or if a joint or the torso is missing in the model.
         """
@@ -49,27 +51,23 @@ class KinematicChain:
             raise DescriptionError(
                 robot.source, [Fault(0, "no <model>: kinematics need a URDF or MJCF file")]
             )
-        model = _shared_model(robot.model)
-        names = [model.body(index).name for index in range(model.nbody)]
-        self._bodies = {name: index for index, name in enumerate(names) if index > 0}
+        tables = _tables(robot, written(robot.model))
+        self._bodies = tables.bodies
         self.links: tuple[str, ...] = tuple(self._bodies)
         """Names of all links, in the model's order."""
         self.n_servos = len(robot.servos)
         """Number of servos of the robot: the length of each argument `position`."""
-        self._mimics = _Mimics(robot)
-        steps = _Steps(robot, model)
-        self.torso = steps.add(steps.after[self.body(robot.model.torso_link)], _fixed(robot.model.T_LT))
+        self._mimics = tables.mimics
+        self.torso = tables.torso
         """Index in `steps` of the kinematic step that ends at the torso frame."""
-        self.steps: Records = read_only(steps.steps, STEP)
+        self.steps: Records = tables.steps
         """Steps (s,), each a `STEP`."""
-        self.sums: Array = read_only(steps.sums)
+        self.sums: Array = tables.sums
         """Matrices K0, K1 and K2 (s, 3, 3, 4) of the s steps. Relative to the end of the previous step, the
         pose at the end of a step is K0 + K1 cos q + K2 sin q at the joint angle q, and K0 + K1 q for a
         prismatic joint. The last column of the pose is the position [m]."""
-        self._axes: Array = read_only(steps.axes)
-        self._after: Indices = read_only([steps.after[body] for body in range(model.nbody)], np.int64)
-        self._asked: dict[tuple[str, ...], tuple[Indices, Records]] = {}
-        self._jacobians: dict[str, tuple[Indices, Records]] = {}
+        self._axes, self._after = tables.axes, tables.after
+        self._asked, self._jacobians, self._chains = tables.asked, tables.jacobians, tables.chains
 
     def poses(self, position: ArrayLike, links: Iterable[str]) -> dict[str, Array]:
         """Returns `T_TL` (4, 4), the pose in the torso frame, of each of `links`.
@@ -132,10 +130,13 @@ class KinematicChain:
 
         Raises UnknownNameError if the model lacks the link.
         """
-        up, down = self._above(self.torso), self._above(int(self._after[self.body(link)]))
-        way = [step for step in up if step not in down] + [step for step in down[::-1] if step not in up]
-        servos = [self._mimics.leader(servo) for servo in self.steps["servo"][way].tolist()] if way else []
-        return tuple(dict.fromkeys(servo for servo in servos if servo >= 0))
+        found = self._chains.get(link)
+        if found is None:
+            up, down = self._above(self.torso), self._above(int(self._after[self.body(link)]))
+            way = [step for step in up if step not in down] + [step for step in down[::-1] if step not in up]
+            led = [self._mimics.leader(servo) for servo in self.steps["servo"][way].tolist()] if way else []
+            found = self._chains[link] = tuple(dict.fromkeys(servo for servo in led if servo >= 0))
+        return found
 
     def extended(self, position: ArrayLike) -> Array:
         """Returns angles (..., n_servos) [rad] with the angles of mimic joints appended, because the steps
@@ -224,6 +225,39 @@ class _Mimics:
         own, others = jacobian[:, : self._first].copy(), jacobian[:, self._first :] * self._multiplier
         np.add.at(own.T, self._servos, others.T)
         return own
+
+
+@dataclass(frozen=True, slots=True)
+class _Tables:
+    """What all chains of one robot share. The dictionaries fill as links are asked for."""
+
+    bodies: dict[str, int]
+    mimics: _Mimics
+    torso: int
+    steps: Records
+    sums: Array
+    axes: Array
+    after: Indices
+    asked: dict[tuple[str, ...], tuple[Indices, Records]] = field(default_factory=dict)
+    jacobians: dict[str, tuple[Indices, Records]] = field(default_factory=dict)
+    chains: dict[str, tuple[int, ...]] = field(default_factory=dict)
+
+
+@per_robot
+def _tables(robot: Robot, _: int) -> _Tables:
+    """The second argument is the time [ns] at which the model's file was last written."""
+    assert robot.model is not None
+    model = _shared_model(robot.model)
+    bodies = {model.body(index).name: index for index in range(1, model.nbody)}
+    if robot.model.torso_link not in bodies:
+        raise UnknownNameError("link of the kinematic model", robot.model.torso_link, tuple(bodies))
+    steps = _Steps(robot, model)
+    torso = steps.add(steps.after[bodies[robot.model.torso_link]], _fixed(robot.model.T_LT))
+    after = [steps.after[body] for body in range(model.nbody)]
+    return _Tables(
+        bodies, _Mimics(robot), torso, read_only(steps.steps, STEP), read_only(steps.sums),
+        read_only(steps.axes), read_only(after, np.int64),
+    )  # fmt: skip
 
 
 class _Steps:

@@ -64,7 +64,8 @@ def test_a_stroke_of_a_file_is_felt_over_the_wire(name: str, tmp_path: Path) -> 
             contacts, said = felt_over("nao", name, reach, "--touches", str(tmp_path / "stroke.tsv"))
         finally:
             one.kill()
-    (told,) = said.get("touches", [said])
+    assert "touches" in said, said
+    (told,) = said["touches"]
     assert (told["kind"], told["force_N"]) == ("stroke", 3.0)
     assert {contact.patch for contact in contacts} == {"left_forearm"}
     forces = np.array([contact.force for contact in contacts])
@@ -74,7 +75,8 @@ def test_a_stroke_of_a_file_is_felt_over_the_wire(name: str, tmp_path: Path) -> 
     times = np.array([contact.stamp for contact in contacts])[steady]
     places = np.array([contact.p_L for contact in contacts])[steady]
     apart, way = times[5:] - times[:-5], np.linalg.norm(places[5:] - places[:-5], axis=1)
-    assert np.median(way / apart) == pytest.approx(0.08, abs=0.02)
+    # stamps are real time, of which a busy machine simulates a part
+    assert way.sum() / apart.sum() / told["of_real_time"] == pytest.approx(0.08, abs=0.02)
 
 
 def test_a_nao_as_it_is_sold_feels_a_press_and_what_a_program_inserts() -> None:

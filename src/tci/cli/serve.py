@@ -76,6 +76,9 @@ def serve(
     report, served, reasons = LoopReport(), Served(), ReasonCounter()
     opened = connect(described, source, arm=arm, **options)
     with opened as driver, open_server(driver, via) as server, told_here(), ExitStack() as closing:
+        world = driver.world if isinstance(driver, SimulatedDriver) else None
+        # it tries with the hands that a client of the desk would use
+        example = example_touch(world) if world and not as_json and asked is None else ""
         desk, unreachable = None, ""
         try:
             desk = closing.enter_context(TouchDesk(driver, via, source))
@@ -90,8 +93,7 @@ def serve(
             console.print(words, style="dim", highlight=False, markup=False, soft_wrap=True)
         if unreachable and not as_json:
             console.print(unreachable, style="dim", highlight=False, markup=False)
-        world = driver.world if isinstance(driver, SimulatedDriver) else None
-        if desk and world and not as_json and asked is None and (example := example_touch(world)):
+        if desk and example:
             wire = via.partition(":")[0]
             words = f'to touch it, in another terminal: tci touch {robot} --via {wire} "{example}"'
             console.print(words, style="dim", highlight=False, markup=False, soft_wrap=True)

@@ -47,6 +47,7 @@ def touch(
 
     Example:  tci touch nao --via yarp --touches visit.tsv
     """
+    from tci.cli.pace import WORTH
     from tci.cli.touching import felt_words, tell_left_out, tell_rows
     from tci.robot.catalogue import load_robot
 
@@ -73,6 +74,9 @@ def touch(
             console.print(f"{row['kind']} {row['place']}: {felt}", highlight=False, markup=False)
         for reason in missed:
             console.print(f"a hand did not touch at {reason}", style="yellow", highlight=False, markup=False)
+        if (pace := min(row["of_real_time"] for row in end["done"])) < WORTH:
+            late = f"the simulation ran at {pace:.2f} of real time: whoever felt this felt it slowed down"
+            console.print(late, style="yellow", highlight=False, markup=False)
     if missed:
         raise SystemExit(1)
 

@@ -13,7 +13,7 @@ import select
 import socket
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
@@ -38,6 +38,8 @@ PATIENCE = 5.0
 PLATEAU = 0.5
 """Fraction of the largest asked force from which a moment counts for the felt force."""
 LARGEST = 1 << 16
+Series = list[tuple[float, float, dict[str, float]]]
+"""For each period the time [s] of the world, that of the machine, and the force [N] on each patch."""
 
 
 def desk_path(robot: Robot, via: str) -> Path:
@@ -72,14 +74,16 @@ class TouchDesk:
             raise DriverError("this system has no local sockets (AF_UNIX)")
         self._driver, self._source = driver, source
         self._body = GenericBody(driver.robot)
-        self._series: list[tuple[float, dict[str, float]]] | None = None
+        self._series: Series | None = None
         self._turn, self._ends = threading.Lock(), False
         self._path = desk_path(driver.robot, via)
         self._listener = socket.socket(socket.AF_UNIX)
         try:
-            self._path.unlink(missing_ok=True)
-            self._listener.bind(str(self._path))
+            unheard = self._path.with_suffix(".new")  # `desks` removes a socket that refuses
+            unheard.unlink(missing_ok=True)
+            self._listener.bind(str(unheard))
             self._listener.listen(4)
+            unheard.replace(self._path)
         except OSError as error:
             self._listener.close()
             raise DriverError(f"no local socket at {self._path}: {error}") from error
@@ -92,7 +96,7 @@ class TouchDesk:
             felt: dict[str, float] = {}
             for contact in tick.perception.contacts:
                 felt[contact.patch] = felt.get(contact.patch, 0.0) + contact.force
-            series.append((tick.now, felt))
+            series.append((tick.now, time.monotonic(), felt))
 
     def close(self) -> None:
         self._ends = True
@@ -155,7 +159,7 @@ class TouchDesk:
         if asked is None:
             raise CommandError("nothing to do; valid: tci touch ROBOT WORDS, or --touches FILE")
         before = len(asked.missed(driver))
-        series: list[tuple[float, dict[str, float]]] = []
+        series: Series = []
         self._series = series
         zero = world.touch_as_planned(asked.planned)
         begun = {"begun": asked.rows(), "left_out": asked.not_here(), "robot": driver.robot.name}
@@ -164,8 +168,12 @@ class TouchDesk:
             for hand in hands:
                 hand.retire()
             return
-        felt = [round(_felt(series, zero, one), 3) for one in asked.planned]
-        rows = [row | {"felt_N": force} for row, force in zip(asked.rows(), felt, strict=True)]
+        seen = list(series)  # the loop goes on while this thread counts
+        rows = [
+            row
+            | {"felt_N": round(_felt(seen, zero, one), 3), "of_real_time": round(_pace(seen, zero, one), 3)}
+            for row, one in zip(asked.rows(), asked.planned, strict=True)
+        ]
         _say(client, {"done": rows, "missed_touches": asked.missed(driver)[before:]})
 
     def _wait(self, client: socket.socket, until: float, world: Any) -> bool:
@@ -183,11 +191,11 @@ class TouchDesk:
         return True
 
 
-def _felt(series: Sequence[tuple[float, dict[str, float]]], zero: float, one: PlannedTouch) -> float:
+def _felt(series: Series, zero: float, one: PlannedTouch) -> float:
     """Force [N] that was felt on the patch of a touch: the peak of blows, otherwise the median while the hand
     presses."""
-    times = np.array([now for now, _ in series]) - zero
-    forces = np.array([felt.get(one.patch, 0.0) for _, felt in series])
+    times = np.array([now for now, _, _ in series]) - zero
+    forces = np.array([felt.get(one.patch, 0.0) for _, _, felt in series])
     during = (times >= one.onset) & (times <= one.end + AFTER / 2.0)
     if not during.any():
         return 0.0
@@ -196,6 +204,13 @@ def _felt(series: Sequence[tuple[float, dict[str, float]]], zero: float, one: Pl
     total = one.force.sum(axis=1)
     moments = one.times[total > PLATEAU * total.max()]
     return float(np.median(np.interp(moments, times, forces)))
+
+
+def _pace(series: Series, zero: float, one: PlannedTouch) -> float:
+    """Share of real time at which the simulation ran during a touch."""
+    during = [(now, real) for now, real, _ in series if one.onset <= now - zero <= one.end]
+    ran, took = np.subtract(during[-1], during[0]) if during else (0.0, 0.0)
+    return min(1.0, ran / took) if took > 0.0 else 1.0
 
 
 def _say(client: socket.socket, words: dict[str, Any]) -> None:

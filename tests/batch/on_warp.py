@@ -19,6 +19,7 @@ from tci.errors import TciError
 from tci.messages.contacts import Contacts
 from tci.simulation.sampling import SLOTS
 
+wp.config.optimization_level = 0  # the kernels run for a moment, and compile for minutes at level 2
 COUNT, STEP = 16, 0.002
 PLACES = "p_L", "n_L", "p_T", "n_T", "limb_point"
 

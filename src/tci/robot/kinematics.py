@@ -336,9 +336,9 @@ def _shared_model(model: Model) -> mujoco.MjModel:
 
 
 def written(model: Model) -> int:
-    """Returns the time [ns] at which a model's file was last written; 0 if there is no file."""
-    file = Path(model.path)
-    return file.stat().st_mtime_ns if file.is_file() else 0
+    """Returns the time [ns] at which the last of a model's files was written; 0 if there is none."""
+    files = [Path(one) for one in (model.path, *(one.path for one in model.attachments))]
+    return max((file.stat().st_mtime_ns for file in files if file.is_file()), default=0)
 
 
 @lru_cache(maxsize=16)

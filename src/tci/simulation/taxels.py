@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -207,6 +208,7 @@ class Taxels:
             )
 
 
+@lru_cache(maxsize=64)
 def _spread(surface: Surface) -> Array:
     """Returns the area (n,) [m2] on which the force at each taxel acts: the taxel's area plus a part of the
     gaps around the taxel.

@@ -268,8 +268,9 @@ def limited(
 ) -> tuple[JointReading, list[str]]:
     """Returns `target` within the gate's joint limits, and the servos whose limits are active."""
     # In some postures of the grid the robot's links overlap. A stop for this reason has no relation to joint
-    # limits.
-    gate = Gate(body.robot, period=0.002, stale_after=0.05, settings=GateSettings(self_collision=None))
+    # limits, and neither has contact, of which there is none.
+    settings = GateSettings(self_collision=None, contact=None)
+    gate = Gate(body.robot, period=0.002, stale_after=0.05, settings=settings)
     command = to_platform(body.robot, GenericCommand(part, Mode.POSITION, target))
     safe = gate.step([command], start, 0.0)
     assert not safe.refusals

@@ -223,6 +223,19 @@ class RigidRobot:
         """Moves a clamped person's surface towards `point` (3,) [m], as somebody who moves it does."""
         self.model.body_pos[self.model.body(name).id] = point
 
+    def gaps(self, name: str, point: Array) -> dict[str, float]:
+        """Distance [m] of each link's solids from a person's surface around `point` (3,) [m]; below 0 inside.
+        Solids are convex hulls, so this says what touches, which the meshes' vertices do not."""
+        surface, found = self.model.geom(name).id, dict[str, float]()
+        before = self.data.geom_xpos[surface].copy()
+        self.data.geom_xpos[surface] = point
+        for geom in np.flatnonzero(self.model.geom_contype == ROBOT).tolist():
+            link = self.model.body(self.model.geom_bodyid[geom]).name
+            gap = mujoco.mj_geomDistance(self.model, self.data, surface, geom, 1.0, None)
+            found[link] = min(found.get(link, 1.0), gap)
+        self.data.geom_xpos[surface] = before
+        return found
+
     def link_pose(self, link: str) -> tuple[Array, Array]:
         """Position (3,) [m] and rotation (3, 3) of a link in the world."""
         body = self.data.body(link)

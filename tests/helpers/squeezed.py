@@ -169,14 +169,16 @@ def squeeze(
 
 def _behind(robot: Robot, plant: RigidRobot, one: Squeeze, room: float) -> Array:
     """Place of the second person's middle: on the far side of the link that meets the first, with `room` [m]
-    to every link of the part."""
-    poses = {name: plant.link_pose(name) for name in links_of(robot, plant, one.part)}
-    world = np.concatenate([p + vertices_of(plant, name) @ r.T for name, (p, r) in poses.items()])
-    position, rotation = poses[one.link]
+    to every solid of the part, and clear of all others."""
+    part = links_of(robot, plant, one.part)
+    position, rotation = plant.link_pose(one.link)
+    world = position + vertices_of(plant, one.link) @ rotation.T
     ahead = one.at - (position + rotation @ one.point)
     ahead /= np.linalg.norm(ahead)
     place: Array = one.at.copy()
-    while np.linalg.norm(world - place, axis=1).min() < 0.03 + room or ((world - place) @ ahead < 0.0).all():
+    while ((world - place) @ ahead < 0.0).all() or any(
+        gap < (room if link in part else 0.0) for link, gap in plant.gaps("second", place).items()
+    ):
         place -= 1e-3 * ahead
     return place
 

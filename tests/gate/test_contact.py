@@ -229,12 +229,40 @@ def test_nobody_else_moves_the_part_until_the_contact_is_over() -> None:
 
 def test_a_behaviour_that_insists_is_stopped_and_the_joint_freed() -> None:
     held = Held()
-    for _ in range(1500):
-        held.step(position_command([2], [1.5]))
+    for step in range(1500):
+        held.step(*[position_command([2], [1.5])] * (step % 75 == 0))
     assert held.gate.state is GateState.STOP
     assert held.gate.reason is not None
     assert held.gate.reason.code is Code.CONTACT
     assert held.sent[2] < held.at
+
+
+def test_a_stream_that_a_contact_interrupts_goes_on_only_near_the_part() -> None:
+    """It struck the same person again half a second after the contact, and once more, until the gate
+    stopped."""
+    held = Held()
+    for _ in range(2500):
+        held.step(position_command([2], [1.5]))
+        assert held.gate.state is GateState.RUN, held.gate.reason
+    assert len(held.told) == 1
+    assert held.sent[2] < held.at
+    assert held.safe.refusals[0].code is Code.CONTACT
+    held.step(position_command([2], [held.sent[2] - np.deg2rad(4.0)]))
+    assert not held.safe.refusals
+    for _ in range(1000):
+        held.step(position_command([2], [-0.2]))
+        assert not held.safe.refusals
+    assert held.sent[2] == pytest.approx(-0.2)
+
+
+def test_a_stream_that_a_contact_interrupts_begins_anew_after_a_pause() -> None:
+    held = Held()
+    for _ in range(1200):
+        held.step(position_command([2], [1.5]))
+    for _ in range(60):
+        held.step()
+    held.step(position_command([2], [-0.5]))
+    assert not held.safe.refusals
 
 
 def test_reset_moves_nothing_and_waits_for_the_contact_to_end() -> None:

@@ -63,6 +63,8 @@ UNFIT = frozenset(
     }
 )  # fmt: skip
 """Causes of a stop after which no way back is known: angles or servos are not what they seem."""
+POWER = frozenset({Code.SERVO_OFF, Code.SERVO_MODE})
+"""Those after which the gate sends no stiffness: it might switch on a servo that somebody switched off."""
 _log = logging.getLogger("tci")
 
 
@@ -347,7 +349,10 @@ class Gate:
                     self._expect(command, now)
                     taken.append(command)
                     continue
-                self._check_contact(command)
+                if self._contact is not None and (
+                    why := self._contact.refuses(command, joints.position, now)
+                ):
+                    raise CommandError(why, code=Code.CONTACT)
                 clamped += self._motion.accept(command, now)
                 if self._contact is not None:
                     self._contact.accepted(command, now)
@@ -412,7 +417,8 @@ class Gate:
             self._motion.see(joints, now, believed=monitor is None or not monitor.misled)
             reason = self._motion.fault_of_age(now, self._stale_after)
         blind = bool(reason)
-        ways = self._answer(joints, now, contacts) if not blind else ()
+        unfit = self._stopped is not None and self._stopped.code in UNFIT
+        ways = self._answer(joints, now, contacts) if unfit or not blind else ()
         reason, self._held = reason or self._held, None
         if self._stopped:
             self.state, reason = GateState.STOP, self._stopped
@@ -434,6 +440,9 @@ class Gate:
         if self._contact is None:
             return ()
         if self._stopped is not None and self._stopped.code in UNFIT:
+            if self._stopped.code not in POWER:
+                shares, self._told = self._contact.ease(contacts, joints, now)
+                self._motion.soften(shares)
             self._contact.forget()
             return ()
         ways, self._told = self._contact.step(joints, self._reference, now, contacts)
@@ -456,15 +465,6 @@ class Gate:
             raise CommandError(f"expected contact of {force} N; valid: 0 to {MOST_EXPECTED:g} N")
         if self._contact is not None:
             self._contact.expect(declared.servos, force, now)
-
-    def _check_contact(self, command: PlatformOrder) -> None:
-        if self._contact is None or self._blocked.isdisjoint(np.ravel(command.servos).tolist()):
-            return
-        blocked = next(servo for servo in np.ravel(command.servos).tolist() if servo in self._blocked)
-        parts = ", ".join(self._contact.touched) or self.robot.servos[blocked].robot_part
-        raise CommandError(
-            f"{parts} met something; valid: commands half a second after the contact", code=Code.CONTACT
-        )
 
     def _is_due(self, now: float) -> bool:
         """Returns True if a step is due at `now` [s]: at most one step per period, and never several steps at

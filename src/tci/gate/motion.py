@@ -337,6 +337,11 @@ class Motion:
         self._stiffness, self._damping = {}, {}
         return shares
 
+    def soften(self, shares: Mapping[int, float]) -> None:
+        """Sets the stiffness of servos (0..1) on the gate's own order."""
+        self._stiffness.update(shares)
+        self._shares[[*shares]] = [*shares.values()]
+
     def _share(self, command: PlatformCommand) -> list[Reason]:
         """Takes fractions of stiffness or damping. Returns the reasons for values that were clamped."""
         sent = np.clip(command.values, 0.0, 1.0)

@@ -17,6 +17,7 @@ from tci.gate.contact.noticing import Noticing
 from tci.gate.contact.others import First
 from tci.gate.contact.path import Path
 from tci.gate.contact.softness import Softness
+from tci.gate.contact.streams import Stream
 from tci.gate.contact.weights import Sag, Sags
 from tci.gate.joint_monitor import Reference
 from tci.messages import JointReading
@@ -55,6 +56,7 @@ class Group:
     own: frozenset[int] = field(init=False)
     """The same servos."""
     sags: Sags = field(init=False)
+    stream: Stream = field(init=False)
     sag: Sag = field(default_factory=Sag)
     before: Array | None = None
     """Torques (n_servos,) [N m] before the contact."""
@@ -82,6 +84,7 @@ class Group:
 
     def __post_init__(self) -> None:
         self.own, self.sags = frozenset(self.servos.tolist()), Sags(self.servos)
+        self.stream = Stream(self.servos)
 
     @property
     def name(self) -> str:

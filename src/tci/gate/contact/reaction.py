@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from tci.gate.contact.balance import Balance
 from tci.gate.contact.bearing import Bearing
 from tci.gate.contact.between import Between
+from tci.gate.contact.easing import Easing
 from tci.gate.contact.felt import Felt, FeltContact, FeltForces
 from tci.gate.contact.following import CLEAR, PROGRESS, Following
 from tci.gate.contact.group import Group, Way, make_groups
@@ -26,6 +27,7 @@ from tci.gate.contact.others import First
 from tci.gate.contact.path import STEP
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.contact.softness import LIGHT
+from tci.gate.contact.streams import NEAR, PAUSE
 from tci.gate.contact.things import Things
 from tci.gate.contact.weights import Sag, bends
 from tci.gate.joint_monitor import Reference
@@ -84,6 +86,8 @@ class ContactReaction:
         self._things = Things(robot, settings.fixtures)
         self._between = Between(robot)
         self._bearing = Bearing(robot, known=settings.stands)
+        self._easing, self._eased = Easing(robot), set[int]()
+        self._position: Array | None = None
         self.load({})
         self._contacts: Contacts | None = None
         self._stamp = self._now = -np.inf
@@ -98,11 +102,34 @@ class ContactReaction:
     def load(self, tools: Mapping[str, Tool]) -> None:
         """Sets what links carry, by the name of the link: its weight bends joints, too."""
         self._excused = bends(self._robot, tools)
+        self._easing.load(self._robot, tools)
 
     def expect(self, servos: NDArray[np.intp], force: float, now: float) -> None:
         """Leaves contact up to `force` [N] on the skin of these servos' groups to a capability."""
         for group in self._groups_of(servos):
             group.expected, group.until = force, now + EXPECTED_FOR
+
+    def refuses(self, order: PlatformOrder, position: Array, now: float) -> str | None:
+        """Why an order at `now` [s] must not pass, in words, while the servos are at `position` (n_servos,)
+        [rad]; None if it may. Raises CommandError for an invalid order."""
+        named = np.ravel(order.servos).tolist()
+        blocked = not self.blocked.isdisjoint(named)
+        found = [
+            one
+            for one in self._groups_of(order.servos)
+            if one.stream.refuses(self._robot, order, position, now, blocked=blocked)
+        ]
+        if blocked:
+            servo = next(servo for servo in named if servo in self.blocked)
+            parts = ", ".join(self.touched) or self._robot.servos[servo].robot_part
+            return f"{parts} met something; valid: commands half a second after the contact"
+        if found:
+            names = ", ".join(one.name for one in found)
+            return (
+                f"{names} met something while this stream of orders went on; valid: one that begins within "
+                f"{NEAR:g} degrees of where it is, or no order for {PAUSE:g} s"
+            )
+        return None
 
     def accepted(self, order: PlatformOrder, now: float) -> None:
         """Somebody's order passed at `now` [s]: servos that it moves don't give way any more, and those that
@@ -123,8 +150,33 @@ class ContactReaction:
         self._freeing = True
 
     def _groups_of(self, servos: NDArray[np.intp]) -> Iterator[Group]:
-        named = servos.tolist()
+        named = np.ravel(servos).tolist()
         return (one for one in self._groups.values() if not one.own.isdisjoint(named))
+
+    def ease(
+        self, contacts: Contacts | None, joints: JointReading, now: float
+    ) -> tuple[dict[int, float], list[Reason]]:
+        """While angles are not what they seem: shares (0..1) of stiffness by servo, and what to tell, of each
+        part that still answers a contact, or whose skin feels more than it answers from on."""
+        shares, told = dict[int, float](), list[Reason]()
+        if contacts is not None:
+            self._soles = self._balance.loaded(contacts)
+        for number, group in self._groups.items():
+            felt = max((one.force for one in contacts or () if one.part in group.parts), default=0.0)
+            answers = (group.goal is not None and group.free is None) or group.noticing.sure
+            stands = group.waist and bool(self._soles)
+            if self._position is None or number in self._eased or stands:
+                continue
+            if not (answers or felt > self._settings.felt):
+                continue
+            self._eased.add(number)
+            if found := self._easing.shares(group, self._position, joints.powered):
+                shares |= found
+                group.sags.told(np.array([*found]), np.array([*found.values()]), now)
+                words = f"no way back is known for {group.name}, which presses somebody"
+                least = f"{min(found.values()):.0%} to {max(found.values()):.0%}"
+                told.append(Reason(Code.CONTACT, f"{words}: its stiffness falls to {least}"))
+        return shares, told
 
     def forget(self) -> None:
         """Forgets paths and reactions, since the servos are under command no more."""
@@ -144,6 +196,7 @@ class ContactReaction:
             group.reactions.clear()
             group.since, group.free, group.moved = np.inf, None, -np.inf
             group.noticing.forget()
+            group.stream.forget()
             if group.goal is None:
                 group.path.clear()
 
@@ -169,7 +222,8 @@ class ContactReaction:
         self._note_motion(reference)
         if joints.stamp <= self._stamp:
             return [], []
-        self._stamp = joints.stamp
+        self._stamp, self._position = joints.stamp, joints.position
+        self._eased.clear()
         felt, self._contacts = self._forces.step(contacts, joints.stamp), contacts
         if contacts is not None:  # while frames do not fit it goes on standing
             self._soles = self._balance.loaded(contacts)

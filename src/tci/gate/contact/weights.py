@@ -65,23 +65,24 @@ class Sags:
 
     def __init__(self, servos: NDArray[np.intp]) -> None:
         self._servos = servos
-        self._shares, self._sags = np.ones(len(servos)), np.zeros(len(servos))
+        self.shares, self._sags = np.ones(len(servos)), np.zeros(len(servos))
+        """Which they get (k,)."""
         self._stiffer = np.zeros(len(servos), bool)
         self._until = np.full(len(servos), -np.inf)
 
     def told(self, servos: NDArray[np.intp], shares: Array, now: float) -> None:
         """Notes which shares (j,) of their stiffness `servos` (j,) get at `now` [s]."""
-        new = self._shares.copy()
+        new = self.shares.copy()
         for servo, share in zip(servos.tolist(), shares.tolist(), strict=True):
             new[self._servos == servo] = share
-        self._until[new < self._shares], self._until[new > self._shares] = now + SINKS, -np.inf
-        self._stiffer = (self._stiffer | (new > self._shares)) & (new >= self._shares)
-        self._shares = new
+        self._until[new < self.shares], self._until[new > self.shares] = now + SINKS, -np.inf
+        self._stiffer = (self._stiffer | (new > self.shares)) & (new >= self.shares)
+        self.shares = new
 
     def look(self, behind: Array, now: float) -> Array:
         """By how much each joint sags (k,) [rad] that is `behind` its reference by so much (k,) [rad]."""
         # at a share of its stiffness the same weight bends it further, but no weight bends it as far as MOST
-        sunk = np.minimum(behind, MOST / np.maximum(self._shares, 1e-3))
+        sunk = np.minimum(behind, MOST / np.maximum(self.shares, 1e-3))
         self._sags = np.where(now < self._until, np.maximum(self._sags, sunk), self._sags)
         self._sags = np.where(self._stiffer, np.minimum(self._sags, behind), self._sags)
         return self._sags

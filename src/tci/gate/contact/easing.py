@@ -1,0 +1,54 @@
+"""A part that presses somebody while its encoders or servos are not what they seem: no way back is known, so
+it presses as softly as gravity permits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import DescriptionError, UnknownNameError
+from tci.gate.contact.group import Group
+from tci.gate.contact.weights import MOST, SOFT, bends
+from tci.messages.frames import Array
+from tci.robot.description import Robot
+from tci.robot.gravity import Gravity
+from tci.robot.joint_calibration import Tool
+
+LEAST = 0.1
+"""Share of the stiffness that is left at least: dry friction holds a joint with half of it."""
+
+
+class Easing:
+    """Knows which share of its stiffness holds a part's weight. Without masses it keeps the whole."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._torque = np.array([servo.limits.torque or np.nan for servo in robot.servos])
+        self._loaded: Array | float = 0.0
+        self._gravity: Gravity | None
+        try:
+            self._gravity = Gravity(robot)
+        except (DescriptionError, UnknownNameError):
+            self._gravity = None
+
+    def load(self, robot: Robot, tools: Mapping[str, Tool]) -> None:
+        """Notes what links carry, by the name of the link."""
+        self._loaded = bends(robot, tools) - bends(robot, {}) if tools else 0.0
+
+    def shares(self, group: Group, position: Array, powered: NDArray[np.bool_] | None) -> dict[int, float]:
+        """Shares (0..1) of the group's stiffness, by servo, at which gravity bends no joint by more than a
+        weight may, as far as they are less than now. Servos without power keep theirs.
+
+        Args:
+            group: which presses.
+            position: where the robot was last seen (n_servos,) [rad].
+            powered: which servos have power (n_servos,), if that is known.
+        """
+        if self._gravity is None:
+            return {}
+        bent = SOFT * np.abs(self._gravity.torques(position)) / self._torque + self._loaded
+        least = np.clip(bent / MOST, LEAST, 1.0)[group.servos]
+        on = np.ones(len(position), bool) if powered is None else powered
+        rows = zip(group.servos.tolist(), least.tolist(), group.sags.shares.tolist(), strict=True)
+        return {servo: share for servo, share, now in rows if share < now and on[servo]}

@@ -1,0 +1,120 @@
+"""A person who is pressed while an encoder is wrong bears no more than what holds the arm's weight."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from helpers import squeezed
+from helpers.gate_checks import position_command, reading
+from helpers.rigid_robot import RigidRobot
+from helpers.squeezed import Squeeze, squeeze
+from tci.gate.contact.settings import ContactSettings
+from tci.gate.gate import Gate, GateSettings, GateState
+from tci.messages import Contacts, Mode, PlatformCommand, Reading
+from tci.messages.contacts import CONTACT, TAXEL, Site
+from tci.messages.frames import Array, read_only
+from tci.reasons import Code, Reason
+from tci.robot.catalogue import load_robot
+from tci.robot.gravity import Gravity
+from tci.robot.joint_map import initial_position
+
+ANSWERS = GateSettings(contact=ContactSettings())
+ROBOT = load_robot("icub")
+PLACE = {servo.name: servo.index for servo in ROBOT.servos}
+ROLL = PLACE["l_shoulder_roll"]
+PERIOD = 0.01
+FELT_AFTER = 0.03
+"""Time [s] after a contact at which an encoder of the arm jumps."""
+TRIAL = Squeeze(
+    "left_arm", np.array([0.2936, -0.2295, -0.3883, 1.3653, -0.3679]),
+    np.array([0.4145, 1.5157, 0.7542, 1.3328, 0.0691]), Mode.POSITION, 1.0, 75e3, "l_hand",
+    np.array([0.0268, 0.0162, -0.0227]), np.array([-0.2463, -0.2475, 0.0601]), 100.0, 1,
+)  # fmt: skip
+"""A blow of the hand that nobody who stands there can escape."""
+
+
+class Jumps(RigidRobot):
+    """Its encoder of the left shoulder's roll jumps by 25 degrees when the arm has met somebody."""
+
+    def read(self) -> Reading:
+        told, first = super().read(), self.felt["person"].first
+        if first is None or self.time < first + FELT_AFTER:
+            return told
+        position = told.joints.position.copy()
+        position[ROLL] += np.deg2rad(25.0)
+        return replace(told, joints=replace(told.joints, position=read_only(position)))
+
+
+def test_with_a_wrong_encoder_a_pressed_person_bears_little(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They bore 164 N for ever."""
+    monkeypatch.setattr(squeezed, "RigidRobot", Jumps)
+    after = squeeze(ROBOT, TRIAL, settings=ANSWERS)
+    assert after.state == "STOP"
+    assert after.over <= 0.3
+    assert max(after.half, after.late) <= 30.0
+
+
+def felt(part: str, force: float) -> Contacts:
+    rows = np.zeros(1, CONTACT)
+    rows["identity"], rows["force"], rows["n_T"] = 7, force, [1.0, 0.0, 0.0]
+    site = Site("skin", part, "forearm")
+    return Contacts(
+        (site,), np.zeros(1), np.zeros(1, np.int64), rows, np.zeros(2, np.int64), np.zeros(0, TAXEL)
+    )
+
+
+def eased(
+    *, part: str = "left_arm", force: float = 20.0, code: Code = Code.ENCODER_JUMPED,
+    asked: float | None = None, powered: bool = True,
+) -> dict[int, float]:  # fmt: skip
+    """Which shares of stiffness the gate sends by itself when skin feels a force after a stop."""
+    gate = Gate(ROBOT, period=PERIOD, stale_after=0.1, settings=ANSWERS, streams=True)
+    angles, found = np.array(initial_position(ROBOT)), dict[int, float]()
+    for step in range(60):
+        now = step * PERIOD
+        orders = [position_command([ROLL], [angles[ROLL]])] if step == 0 else []
+        if asked is not None and step == 1:
+            one = np.array([ROLL])
+            orders = [PlatformCommand(Mode.STIFFNESS, one, np.array([asked]), np.ones(1))]
+        if step == 20:
+            gate.stop(Reason(code, "of the test"))
+        joints = reading(angles, now)
+        if not powered and step > 20:
+            joints = replace(joints, powered=np.arange(len(angles)) != ROLL)
+        safe = gate.step(orders, joints, now, contacts=felt(part, force if step > 30 else 0.0))
+        if step > 20:
+            assert not (found and safe.stiffness), "once"
+            found |= safe.stiffness
+            assert gate.state is GateState.STOP
+    return found
+
+
+def test_a_part_is_eased_as_far_as_its_weight_is_held() -> None:
+    found = eased()
+    names = {ROBOT.servos[servo].name for servo in found}
+    assert "l_shoulder_roll" in names
+    assert all(name.startswith(("l_shoulder", "l_elbow", "l_wrist")) for name in names)
+    torque: Array = np.abs(Gravity(ROBOT).torques(np.array(initial_position(ROBOT))))
+    for servo, share in found.items():
+        limit = ROBOT.servos[servo].limits.torque
+        assert limit is not None
+        assert share * limit >= 2.0 * torque[servo], "its weight is far from its torque"
+        assert 0.1 <= share < 1.0
+
+
+@pytest.mark.parametrize(
+    "case",
+    [{"force": 12.0}, {"code": Code.SERVO_OFF}, {"code": Code.OTHER}, {"part": "left_hand"}],
+    ids=["a light touch", "a servo is off", "a stop for another cause", "fingers"],
+)
+def test_nothing_else_is_eased(case: dict[str, object]) -> None:
+    assert not eased(**case)  # type: ignore[arg-type]
+
+
+def test_no_joint_becomes_stiffer_and_none_is_switched_on() -> None:
+    assert ROLL not in eased(asked=0.02)
+    assert ROLL not in eased(powered=False)
+    assert len(eased(powered=False)) > 1

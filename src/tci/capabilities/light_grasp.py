@@ -4,12 +4,15 @@ The hand opens when a finger is pulled. The reflex imitates the palmar grasp of 
 finger controls the force on this finger (integral force control, Raibert & Craig 1981). The robot needs
 generic fingers with skin on palm and finger tips. If several fingers share a motor, they close until one of
 them presses with enough force.
+
+A stiff finger presses with all by which its target is ahead of it, so at its first touch it begins anew from
+where it is. If it bounces off, it comes back more gently each time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,9 +31,29 @@ windup if a finger is blocked."""
 OPPOSES = 2.0
 """Speed of the thumb's opposition as a multiple of the speed of flexions. Assumed: then the thumb lies across
 the palm before the fingers close."""
+GENTLEST = 1.0 / 64.0
+"""Least share of `speed` and `gain` with which a finger closes that bounces. Assumed: six bounces."""
 LONGEST = 0.1
 """Longest time [s] by which one step moves the targets of the fingers on. So the hand does not jump after a
 pause. Assumed: several periods of any skin."""
+
+
+@dataclass(frozen=True, slots=True)
+class Press:
+    """What fingers that share a motor have felt since their hand closed."""
+
+    touched: bool = False
+    """True from their first touch."""
+    hardest: float = 0.0
+    """Largest force [N] since they last touched nothing."""
+    bounces: int = 0
+    """How often they lost what they had pressed with more than the setting `force`."""
+
+    def after(self, force: float, enough: float) -> Press:
+        """The state with the present `force` [N]; `enough` [N] is the setting."""
+        if force > 0.0:
+            return Press(True, max(self.hardest, force), self.bounces)
+        return Press(self.touched, 0.0, self.bounces + (self.hardest > enough))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +66,10 @@ class Grip:
     """Targets (n,) [rad] of the generic joints."""
     closed: bool = False
     """True from the touch of the palm until the hand opens."""
+    presses: tuple[Press, ...] = ()
+    """Of each group of fingers that share a motor."""
+    hardest: float = 0.0
+    """Largest force [N] on a finger since the hand closed."""
     holds: bool = False
     """True if, since the hand closed, a finger has pressed with at least half of the setting `force`."""
     felt: float = -np.inf
@@ -82,12 +109,14 @@ class LightGrasp(Capability[Grips]):
     """Least force [N] with which a person must pull a finger to make the hand open. The hand also opens when
     a held object leaves the palm."""
     speed: float = 0.3
-    """Speed [rad/s] of the flexion until a finger presses. Assumed: a faster finger would press too much
-    before its skin measures the contact."""
+    """Speed [rad/s] of the flexion until a finger presses. After one has arrived with n times `force`, all
+    close n times slower. Assumed: a faster finger would press too much before its skin measures the
+    contact."""
     gain: float = 0.05
     """Speed of a pressing finger, divided by the missing force [rad/s per N]. The missing force is `force`
-    minus the measured force. Assumed: with this gain, stiff fingers do not oscillate, although their skin
-    reports a change of force about 20 ms late."""
+    minus the measured force. A finger that bounces off closes with half of it, and so on; it opens with all
+    of it. Assumed: with this gain, most fingers do not oscillate, although their skin reports
+    a change of force about 20 ms late."""
     opposition: float = 1.2
     """Angle [rad] of the thumb across the palm while the hand is closed."""
     patience: float = 0.15
@@ -148,27 +177,41 @@ class LightGrasp(Capability[Grips]):
         pulled_open = now - rested >= self.patience and not why_not(perception, body, part, rest)
         if pulled_open or now - felt >= self.quiet:
             return Grip(now, rest, felt=now)
-        flexion = self._flexion(before, perception, body, part, pressed)
-        holds = before.holds or most >= 0.5 * self.force
-        return Grip(now, flexion, closed=True, holds=holds, felt=felt, rested=rested)
+        bent = [group for group in map(_flexions, body.tied(part)) if group]
+        forces = [max(pressed.get(FINGERS[FLEXIONS.index(one)], 0.0) for one in group) for group in bent]
+        presses = before.presses or (Press(),) * len(bent)
+        grip = Grip(
+            now, before.flexion, closed=True, felt=felt, rested=rested,
+            presses=tuple(one.after(force, self.force) for one, force in zip(presses, forces, strict=True)),
+            hardest=max(before.hardest, most), holds=before.holds or most >= 0.5 * self.force,
+        )  # fmt: skip
+        target, here = np.array(before.flexion), perception.posture[part]
+        for group, old, new in zip(bent, presses, grip.presses, strict=True):
+            if new.touched and not old.touched:
+                target[group] = np.minimum(target[group], here[group])
+        elapsed = min(max(now - before.stamp, 0.0), LONGEST)
+        return replace(grip, flexion=self._flexion(grip, target, here, bent, forces, elapsed))
 
     def _flexion(
-        self, before: Grip, perception: Perception, body: GenericBody, part: str, pressed: Mapping[str, float]
-    ) -> Array:
-        """Returns target angles (n,) [rad] for a hand, with which the force on each finger approaches the
-        setting `force`. `pressed` are the present forces [N] by finger."""
-        here = perception.posture[part]
-        elapsed = min(max(perception.stamp - before.stamp, 0.0), LONGEST)
-        target = np.array(before.flexion)
+        self, grip: Grip, target: Array, here: Array, bent: Sequence[list[int]], forces: Sequence[float],
+        elapsed: float,
+    ) -> Array:  # fmt: skip
+        """Moves the target angles (n,) [rad] of a hand that is at `here` (n,) [rad] on by `elapsed` [s], so
+        that the force on each finger approaches the setting `force`. `bent` are the groups of flexions that
+        share a motor, and `forces` [N] what each presses with."""
         target[0] = min(max(target[0], self.opposition), target[0] + OPPOSES * self.speed * elapsed)
-        for group in body.tied(part):
-            bent = [joint for joint in group if joint in FLEXIONS]
-            if not bent:
-                continue
-            strongest = max(pressed.get(FINGERS[FLEXIONS.index(joint)], 0.0) for joint in bent)
-            missing = self.force - strongest
-            rate = self.speed if strongest <= 0.0 else min(max(self.gain * missing, -self.speed), self.speed)
-            for joint in bent:
-                wanted = target[joint] + rate * elapsed
-                target[joint] = np.clip(min(wanted, here[joint] + LEAD), 0.0, self.most)
+        fastest = self.speed * min(self.force / max(grip.hardest, self.force), 1.0)
+        for group, force, press in zip(bent, forces, grip.presses, strict=True):
+            share = max(0.5**press.bounces, GENTLEST)
+            rate = self.gain * (self.force - force)
+            if force <= 0.0:
+                rate = max(share * fastest, GENTLEST * self.speed)
+            elif rate > 0.0:
+                rate = share * min(rate, self.speed)
+            wanted = target[group] + max(rate, -self.speed) * elapsed
+            target[group] = np.clip(np.minimum(wanted, here[group] + LEAD), 0.0, self.most)
         return read_only(target)
+
+
+def _flexions(group: Sequence[int]) -> list[int]:
+    return [joint for joint in group if joint in FLEXIONS]

@@ -6,8 +6,10 @@ read.
 DIR holds the packages, outside the repository (they are downloaded there). Each model goes through new-robot,
 check, check --simulate and the five lines of the README, as in `strangers.py`, and is compared with its line,
 written by hand, and with MuJoCo or Pinocchio on the untouched file: what its joints do, poses of its links
-(0.01 degrees, 0.1 mm), limits, mass (0.1 %), reach (1 mm). Results stay in OUT/arms/NAME.json; --table makes
-docs/tables/arms.md of all of them.
+(0.01 degrees, 0.1 mm), limits, mass (0.1 %), reach (1 mm). If a refusal names an option,
+this is tried and told. A part that tells no unit of angles, and is taken with --radians, is read by MuJoCo in
+a scene in radians that includes it, as its maker's programs do. Results stay in OUT/arms/NAME.json; --table
+makes docs/tables/arms.md of all of them.
 """
 
 from __future__ import annotations
@@ -120,10 +122,10 @@ def try_one(line: dict[str, Any], folder: Path, *, quick: bool) -> dict[str, Any
     words += ["--side", "right"] if line["kind"] != "arm" else []
     told, result["options"], result["refusals"] = advised(words, {
         "--without-meshes": ["--without-meshes"], "--elbow": ["--elbow", str(line.get("elbow", 1))],
-        "--no-sleeves": ["--no-sleeves"],
+        "--no-sleeves": ["--no-sleeves"], "--radians": ["--radians"],
     })  # fmt: skip
     if told is not None:
-        robot, model = read_robot(target), Untouched(file)
+        robot, model = read_robot(target), Untouched(file, radians="--radians" in result["options"])
         links = [name for name in (*line.get("joints", ()), *line.get("jaws", ())) if name]
         wrong = list(arm_differences(line, robot, model)) if line["kind"] == "arm" else []
         wrong += finger_differences(line, robot) if line["kind"] == "hand" else []

@@ -58,7 +58,7 @@ ANGLE, PLACE, MASS, LIMIT = np.deg2rad(0.01), 1e-4, 1e-3, 1e-4
 class Untouched:
     """The model as MuJoCo or Pinocchio reads the maker's own file."""
 
-    def __init__(self, file: Path) -> None:
+    def __init__(self, file: Path, *, radians: bool = False) -> None:
         self.limits: dict[str, tuple[float, float, float, float]] = {}
         """Lower and upper limit [rad], torque and speed limit of each joint; infinite if unknown."""
         if file.suffix.lower() == ".urdf":
@@ -75,7 +75,7 @@ class Untouched:
                 self.limits[name] = (low, high, self._pin.effortLimit[v], self._pin.velocityLimit[v])
         else:
             self._pin = None
-            self._model = mujoco.MjModel.from_xml_path(str(file))
+            self._model = _in_radians(file) if radians else mujoco.MjModel.from_xml_path(str(file))
             self._data = mujoco.MjData(self._model)
             moving = set(self._model.body_rootid[self._model.jnt_bodyid])
             tops = [index for index in range(1, self._model.nbody) if self._model.body_parentid[index] == 0]
@@ -116,6 +116,13 @@ class Untouched:
 
     def _frame(self, link: str) -> int:
         return int(self._pin.getFrameId(link, pinocchio.FrameType.BODY))
+
+
+def _in_radians(file: Path) -> mujoco.MjModel:
+    """MuJoCo's reading of a part that tells no unit of angles, in a scene in radians that includes it."""
+    scene = file.with_name("tci-scene-in-radians.xml")
+    scene.write_text(f'<mujoco><compiler angle="radian"/><include file="{file.name}"/></mujoco>')
+    return mujoco.MjModel.from_xml_path(str(scene))
 
 
 def differences(line: dict[str, Any], robot: Robot, file: Path) -> Iterator[str]:

@@ -60,6 +60,14 @@ def new_robot(
             "links.",
         ),
     ] = False,
+    radians: Annotated[
+        bool,
+        typer.Option(
+            "--radians",
+            help="Read the angles of an MJCF that tells no unit in radians, not degrees, as a scene in "
+            "radians does that includes it.",
+        ),
+    ] = False,
     arms: Annotated[
         str | None,
         typer.Option(
@@ -154,6 +162,8 @@ def new_robot(
 
     if meshes is not None and without_meshes:
         raise CommandError("both --meshes and --without-meshes; valid: one of them")
+    if radians and model.suffix == ".urdf":
+        raise CommandError("--radians: angles of a URDF are in radians; valid: with an MJCF")
     name = name or _plain(model.stem)
     target = out or model.parent / "robot.xml"
     if package:
@@ -162,7 +172,7 @@ def new_robot(
         file = _beside(model, target, what="model")
     folder = None if meshes is None else _beside(meshes, target, what="folder of meshes")
     source = NO_MESHES if without_meshes else None if meshes is None else str(meshes.resolve())
-    pads = find_pads(model, meshes=source)
+    pads = find_pads(model, meshes=source, radians=radians)
     proposed = propose(
         model,
         name=name,
@@ -172,6 +182,7 @@ def new_robot(
         forward=_one_of("--forward", forward, FORWARD),
         side=cast("Side", _one_of("--side", side, get_args(Side))),
         meshes=source,
+        radians=radians,
         arms=_both(arms),
         elbow=_direction(elbow),
         trust_fingers=_trust(fingers),

@@ -282,7 +282,8 @@ def _is_point(shape: etree._Element) -> bool:
 
 
 def _read_mjcf(model: Model) -> mujoco.MjSpec:
-    """Reads an MJCF file. If the model has the attribute meshes="none", the meshes are left out."""
+    """Reads an MJCF file; if the model has the attribute meshes="none", without its meshes, and with
+    radians="true", with its angles in radians."""
     path = Path(model.path)
     if path.suffix == ".xml":
         spec = mujoco.MjSpec.from_file(model.path)
@@ -290,6 +291,7 @@ def _read_mjcf(model: Model) -> mujoco.MjSpec:
         files, name = mujoco.MjVfs(), f"{model.path}.xml"
         files[name] = path.read_bytes()
         spec = mujoco.MjSpec.from_file(name, vfs=files)
+    spec.compiler.degree = spec.compiler.degree and not model.radians
     shown = [geom for geom in spec.geoms if geom.meshname]
     if model.meshes == NO_MESHES:
         for element in [*shown, *spec.meshes]:

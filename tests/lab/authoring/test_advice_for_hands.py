@@ -14,6 +14,8 @@ from tci.lab.authoring.proposal import propose
 from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
 from tci.robot.kinematics import KinematicChain
+from tci.robot.xml import read_robot
+from tci.robot.xml.writer import write_robot
 
 JAW = """<mujoco>
 <worldbody><body name="base"><geom name="a" type="box" size="0.04 0.06 0.02" mass="0.4"/>
@@ -96,3 +98,28 @@ def test_fingers_whose_inner_joint_is_bent_at_zero_bend_by_the_outer_one(tmp_pat
         tips.append([(base @ poses[name] @ [0.0, 0.0, 0.04, 1.0])[:3] for name in list(poses)[1:]])
     inward = np.array([1.0, -1.0, -1.0])  # along y
     assert (np.diff(np.array(tips)[:, :, 1], axis=0) * inward > 0.005).all()
+
+
+def test_the_option_for_radians_takes_the_file_as_it_is(tmp_path: Path) -> None:
+    """Judged by MuJoCo, in a scene in radians that includes the file."""
+    file = tmp_path / "hand.xml"
+    file.write_text(three_fingers().replace('euler="0 0 180"', f'euler="0 0 {np.pi}"'))
+    with pytest.raises(DescriptionError, match="--radians"):
+        propose(file, name="hand", side="right")
+    target = tmp_path / "robot.xml"
+    target.write_text(write_robot(propose(file, name="hand", side="right", radians=True), file=file.name))
+    robot = read_robot(target)
+    scene = tmp_path / "scene.xml"
+    scene.write_text('<mujoco><compiler angle="radian"/><include file="hand.xml"/></mujoco>')
+    model = mujoco.MjModel.from_xml_path(str(scene))
+    data = mujoco.MjData(model)
+    position = np.array([0.4 + 0.1 * servo.index for servo in robot.servos])
+    for servo in robot.servos:
+        assert (servo.limits.lower, servo.limits.upper) == pytest.approx(model.joint(servo.joint).range)
+        data.joint(servo.joint).qpos = position[servo.index]
+    mujoco.mj_kinematics(model, data)
+    poses = KinematicChain(robot).poses(position, ["palm", "thumb_outer"])
+    place = (np.linalg.inv(poses["palm"]) @ poses["thumb_outer"])[:3, 3]
+    palm = data.body("palm")
+    apart = palm.xmat.reshape(3, 3).T @ (data.body("thumb_outer").xpos - palm.xpos)
+    assert place == pytest.approx(apart, abs=1e-9)

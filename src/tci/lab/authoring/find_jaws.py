@@ -15,7 +15,7 @@ import numpy as np
 from tci.errors import DescriptionError, Fault
 from tci.lab.authoring.find_hand import LARGEST
 from tci.lab.authoring.find_limbs import FoundLimbs
-from tci.lab.authoring.joint_facts import JointFacts
+from tci.lab.authoring.joint_facts import RADIANS, JointFacts
 from tci.lab.authoring.link_points import LinkPoints
 from tci.messages.frames import Array, apply
 from tci.robot.generic_arm import Side
@@ -211,8 +211,7 @@ def _closing(
         name, unit = jaw.joints[0], "m" if jaw.slides else "rad"
         message = (
             f"{name}: its range of {ends[0]:.4g} to {ends[1]:.4g} {unit} opens its jaw by "
-            f"{1e3 * way:.1f} mm; valid: at least {1e3 * SHORTEST_WAY:.0f} mm, and in an MJCF with ranges "
-            'in radians <compiler angle="radian"/>'
+            f"{1e3 * way:.1f} mm; valid: at least {1e3 * SHORTEST_WAY:.0f} mm, and {RADIANS}"
             if way < SHORTEST_WAY
             else f"{name}: no shapes tell how its jaw closes; valid: a model with the shapes of the other jaw"
         )

@@ -133,8 +133,9 @@ class _Search:
 
 
 def find_pads(
-    path: Path, *, meshes: str | None = None, also: Collection[str] = (), wanted: str | None = None
-) -> FoundPads:
+    path: Path, *, meshes: str | None = None, also: Collection[str] = (), wanted: str | None = None,
+    radians: bool = False,
+) -> FoundPads:  # fmt: skip
     """Finds the pads of the URDF, MJCF or SDF file at `path`, of any robot.
 
     If meshes are missing, pads without an outline become single taxels, which the result's notes say.
@@ -142,6 +143,7 @@ def find_pads(
     Args:
         meshes: Folder with the meshes that are not at their paths; "none" to do without.
         also: Links to take although nothing says that they feel, such as `left_pad`.
+        radians: As in `tci.robot.description.Model`.
         wanted: Name of the device that the pads belong to, if sizes can't tell it.
 
     Raises DescriptionError for a file that can't be read, UnknownNameError for a link or a device that isn't
@@ -154,14 +156,17 @@ def find_pads(
         with TemporaryDirectory() as folder:
             made = Path(folder, f"{path.stem}.urdf")
             made.write_bytes(etree.tostring(_plain(root) if root.tag != "sdf" else sdf_as_urdf(path, root)))
-            return _search(made, root, meshes, also, wanted)
-    return _search(path, root, meshes, also, wanted)
+            return _search(made, root, meshes, also, wanted, radians)
+    return _search(path, root, meshes, also, wanted, radians)
 
 
 def _search(
-    path: Path, root: etree._Element, meshes: str | None, also: Collection[str], wanted: str | None
-) -> FoundPads:
-    model = Model(format=model_format(path), path=str(path.resolve()), meshes=meshes, torso_link="?")
+    path: Path, root: etree._Element, meshes: str | None, also: Collection[str], wanted: str | None,
+    radians: bool,
+) -> FoundPads:  # fmt: skip
+    model = Model(
+        format=model_format(path), path=str(path.resolve()), meshes=meshes, radians=radians, torso_link="?"
+    )
     notes = []
     try:
         points = LinkPoints(model)

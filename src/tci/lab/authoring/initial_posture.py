@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tci.errors import DescriptionError, Fault
+from tci.lab.authoring.joint_facts import RADIANS
 from tci.messages.frames import Array
 from tci.robot.collisions import MOST, NEAR, nearby, solid_spec
 from tci.robot.description import GenericPart, Robot
@@ -93,7 +94,7 @@ def check_reach(draft: Robot, part: GenericPart) -> None:
         f"{draft.servos[joints.servos[worst]].name} would need {needed:.0f} degrees, and its limits are "
         f"{low:.0f} to {high:.0f} degrees; valid: a model file with the right limits of this joint (not "
         "those of the other side or of another joint), in which the names left and right are not exchanged"
-        + ('; in an MJCF with ranges in radians <compiler angle="radian"/>' if radians else "")
+        + (f"; {RADIANS}" if radians else "")
     )
     raise DescriptionError(draft.source, [Fault(0, message)])
 

@@ -50,6 +50,9 @@ finger of an Inspire hand with 19 N."""
 JAW_TORQUE = 2.0, 50.0
 """As `FINGER_TORQUE`, of a jaw. Assumed: jaws of 5 to 10 cm press with 20 to 200 N."""
 
+RADIANS = 'in an MJCF with ranges in radians --radians, or <compiler angle="radian"/> in the file'
+"""What to do about a range that is too small to be meant in degrees."""
+
 
 @dataclass(frozen=True, slots=True)
 class JointFacts:

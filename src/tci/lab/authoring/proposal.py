@@ -48,7 +48,8 @@ from tci.robot.model_format import model_format
 
 def propose(
     path: Path, *, name: str, package: str | None = None, linear: bool = False,
-    meshes: str | None = None, arms: tuple[str, ...] | None = None, elbow: Sign | None = None,
+    meshes: str | None = None, radians: bool = False, arms: tuple[str, ...] | None = None,
+    elbow: Sign | None = None,
     trust_fingers: Trust | None = None, skin_on_hands: bool = False, pads: Sequence[Pad] = (),
     cover: bool | None = None, side: Side = "left", mount: Mount | None = None, forward: str | None = None,
 ) -> Robot:  # fmt: skip
@@ -58,7 +59,8 @@ def propose(
         the model. linear: Matters only for a shoulder whose axes are slightly rotated against those of the
         generic shoulder. True: the description has a rotated mount frame, if eq. 1 is exact in this frame.
         False: the shoulder is retargeted in the torso frame. meshes: Folder with the meshes, if they are not
-        at the paths in the model; "none" to do without meshes. arms: Names of the first joints of the left
+        at the paths in the model; "none" to do without meshes. radians: The angles of an MJCF that tells no
+        unit are in radians. arms: Names of the first joints of the left
         and the right shoulder, if the arms are in doubt; one name for an arm alone. elbow: Direction in which
         the left elbow's joint bends the arm, if it is in doubt. trust_fingers: "names" or "places": source to
         trust if the names and the places of the fingers contradict each other; "none" describes the hands
@@ -72,7 +74,8 @@ def propose(
     the ends of forearms or fingers are in doubt.
     """
     model = Model(
-        format=model_format(path), path=str(path.resolve()), package=package, meshes=meshes, torso_link="?"
+        format=model_format(path), path=str(path.resolve()), package=package, meshes=meshes, radians=radians,
+        torso_link="?",
     )  # fmt: skip
     points = LinkPoints(model)
     body = _body(model, points, arms, side=side, mount=mount, forward=forward)

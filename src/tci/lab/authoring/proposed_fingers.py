@@ -12,7 +12,7 @@ import numpy as np
 from tci.errors import DescriptionError, Fault
 from tci.lab.authoring.find_fingers import ROUNDED, DoubtfulFingersError, Finger, find_fingers
 from tci.lab.authoring.find_limbs import FoundLimbs
-from tci.lab.authoring.joint_facts import JointFacts
+from tci.lab.authoring.joint_facts import RADIANS, JointFacts
 from tci.lab.authoring.joint_tree import carried
 from tci.lab.authoring.link_points import LinkPoints
 from tci.lab.authoring.proposed_parts import ROOM, generic_joint, segment
@@ -53,7 +53,7 @@ def find_hands(
         able = [one for one in get_args(Trust) if _finds(body, facts, ends, one)]
         if body.hand is not None:  # without fingers, nothing would be left of it
             ways = [f"--fingers {one}" for one in able if one != "none"]
-            ways += ['in an MJCF with ranges in radians <compiler angle="radian"/>'] * doubt.hardly_bends
+            ways += [RADIANS] * doubt.hardly_bends
             valid = "a model whose joints bend each finger farther to the palm than back"
             message = f"{doubt}; valid: {' or '.join([*ways, valid])}"
         else:

@@ -48,6 +48,9 @@ class Model(Description):
     meshes: str | None = None
     """Folder of the meshes that are not at the paths given in the model file. After loading, the path is
     absolute. "none": the model is read without its meshes."""
+    radians: bool = False
+    """True: the angles of an MJCF that does not tell their unit are in radians, not degrees, as those of a
+    part for a scene in radians."""
     torso_link: str
     """Link to which the torso frame is fixed."""
     torso_rpy: Vector = (0.0, 0.0, 0.0)

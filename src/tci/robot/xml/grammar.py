@@ -361,12 +361,13 @@ MODEL = Element(
     "`file` is the end of a path in this installed Python package; `extra` is the extra of TCI that "
     "installs the package, for the text of the error if the package is missing. In the torso frame x "
     "points forward, y left, z up. `meshes` is a folder, relative to the folder of the description, for "
-    "meshes that are not at the paths in the model; `none` ignores all meshes. `stands_on`: the base of one "
-    "arm is mounted on a flat fixed body that the arm must not hit, whose surface is `stands_at` above the "
-    "torso frame's origin, or in front of it on a wall.",
+    "meshes that are not at the paths in the model; `none` ignores all meshes. `radians`: the angles of an "
+    "MJCF that tells no unit are in radians. `stands_on`: the base of one arm is mounted on a flat fixed "
+    "body that the arm must not hit, whose surface is `stands_at` above the torso frame's origin, or in "
+    "front of it on a wall.",
     needs={"format": _choice(Model, "format"), "file": RelativePath(), "torso_link": NAME},
     may={
-        "package": NAME, "extra": NAME, "meshes": RelativePath(),
+        "package": NAME, "extra": NAME, "meshes": RelativePath(), "radians": Flag(),
         "torso_rpy": ORIENTATION, "torso_xyz": POINT,
         "stands_on": Choice(get_args(Mount)), "stands_at": Number(-10.0, 10.0, unit="m"),
     },

@@ -22,8 +22,11 @@ from tci.skin.skin import Skin
 RADIUS = 0.03
 HERE = 2.5
 """Time [s] for which the partner stays."""
-MOST = 14.0
-"""Longest trial [s]: a slow way to the partner, the contact, and the rest of the way."""
+MOST = 40.0
+"""Longest trial [s]. At the 0.05 m/s that `Gentle` goes by itself, joints that turn by 1.2 rad together at an
+arm's length of 0.6 m need 15 s, and it gives way on its way."""
+ARRIVED = 2.0
+"""Angle [deg] to the goal within which the arm has reached it."""
 
 
 class Go(tci.Capability[bool]):
@@ -56,6 +59,8 @@ class Outcome:
     """Share of the time with contact, while the partner was there."""
     left: float
     """Angle [deg] to the goal at the end, after the partner has left."""
+    arrives: float
+    """When it reached the goal [s], since the partner left; inf if it did not."""
     felt: bool
     """Skin felt it; on links without skin the gate answers."""
     state: str
@@ -111,7 +116,8 @@ def meet(name: str, seed: int, *, cap: float, stiffness: float, speed: float = 0
 
     result = run(
         RigidDriver(plant), tci.Gentle(Go(part, goal), cap=cap), duration=MOST, observe=see,
-        until=lambda memory: felt.first is not None and plant.time > felt.first + HERE + 0.5 and left() < 2.0,
+        until=lambda memory: felt.first is not None and plant.time > felt.first + HERE + 0.5
+        and left() < ARRIVED,
     )  # fmt: skip
     if felt.first is None:
         return None
@@ -122,8 +128,10 @@ def meet(name: str, seed: int, *, cap: float, stiffness: float, speed: float = 0
     return Outcome(
         patch.name, felt.peak, float(smooth[there & (times >= felt.first + 1.0)].max(initial=0.0)),
         float(np.percentile(forces[there], 95)), stiffness * lengths * plant._count,
-        float((forces[there] > 0.1).mean()), left(), sum(skin_felt) > 0.5 * HERE * rate * 0.5,
-        result.state.name, (times[there] - felt.first, forces[there]),
+        float((forces[there] > 0.1).mean()), left(),
+        plant.time - felt.first - HERE if left() < ARRIVED else np.inf,
+        sum(skin_felt) > 0.5 * HERE * rate * 0.5, result.state.name,
+        (times[there] - felt.first, forces[there]),
     )  # fmt: skip
 
 

@@ -238,7 +238,7 @@ def guide(
     name: str, seed: int, *, repeat: bool = True, capability: tci.Capability[Any] | None = None
 ) -> Outcome | None:
     """A hand guides an arm at a random place; then the other arm is tapped, or one that stands alone, twice.
-    None if the arm can't go at 0.2 m/s there."""
+    None if the arm can't go at 0.2 m/s there, unless the robot stopped: then all of the push counts."""
     random, robot = np.random.default_rng(seed), tci.load_robot(name)
     arms = [one.name for one in robot.parts if one.kind == "arm"]
     part = str(random.choice(arms))
@@ -289,9 +289,10 @@ def guide(
     if hand.first is None or hand.elsewhere:
         return None
     times, forces = hand.force
-    until = ended[0][0] - hand.first if ended else hand.lasts
+    stopped = result.state.name == "STOP"
+    until = ended[0][0] - hand.first if ended and not stopped else hand.lasts
     measured = forces[(times >= MEASURED) & (times <= until)]
-    if len(measured) < 0.2 / STEP:
+    if len(measured) < 0.2 / STEP and not stopped:
         return None
     taught = [(t, a) for t, a in path if hand.first <= t <= hand.first + hand.lasts + 0.1]
     later = [(t, a) for t, a in path if tap.times and t > tap.times[0] + 0.3]
@@ -395,8 +396,8 @@ def _off(taught: list[tuple[float, Array]], later: list[tuple[float, Array]]) ->
     seen, found = np.array([t for t, _ in later]), np.array([a for _, a in later])
     times = times - times[0]
     best, at = np.inf, path
-    last = max(seen[-1] - times[-1], seen[0]) if len(seen) else -np.inf
-    for begin in np.arange(seen[0] if len(seen) else 0.0, last + 1e-9, 0.02):
+    begins = np.arange(seen[0], max(seen[-1] - times[-1], seen[0]) + 1e-9, 0.02) if len(seen) else ()
+    for begin in begins:
         there = np.column_stack([np.interp(times + begin, seen, column) for column in found.T])
         off = float(np.sqrt(((there - path) ** 2).mean(axis=0)).max())
         if off < best:

@@ -22,13 +22,14 @@ def teaches(full: bool) -> Row:
     done = [one for one in gather("teaches", _one, jobs, full=full) if one["counts"]]
     over = [one for one in done if one["median"] > 5.0 or one["high"] > 8.0 or one["kept"] < 0.95]
     tapped = [one for one in done if one["tapped"]]
+    stopped = [one for one in done if one["state"] == "STOP"]
     off = [one for one in tapped if not one["off"] <= 2.0]
     ends = gather("ends", _ends, [(number,) for number in range(120 if full else 10)], full=full)
     ends = [one for one in ends if one["ended"] is not None]
     missed = [one["number"] for one in ends if not one["ended"]]
     beyond = [one for one in tapped if not one["apart"] <= 10.0]
     far = [one for one in beyond if not one["apart"] - one["told"] <= 10.0]
-    print(*over, *off, *far, sep="\n")
+    print(*over, *stopped, *off, *far, sep="\n")
     median, high, kept, away, apart = (
         [one[name] for one in rows] or [np.nan]
         for name, rows in (
@@ -51,15 +52,15 @@ def teaches(full: bool) -> Row:
         f"force {np.median(median):.1f} N (median), 95th percentile {np.median(high):.1f} N (median), "
         f"{np.max(high):.1f} N (worst); contact kept {np.min(kept):.0%} of the time or more; repeated within "
         f"{np.median(away):.1f} degrees (median), {np.max(away):.1f} (worst) of {len(tapped)}; {len(over)} "
-        f"over, {len(off)} not repeated; on {len(tapped)} other "
+        f"over, {len(stopped)} stopped the robot, {len(off)} not repeated; on {len(tapped)} other "
         f"robots the hand within {np.median(apart):.1f} degrees (median), {len(beyond)} over 10, of "
         f"which {len(far)} not since its own limits keep it away, which `fit` tells; the end "
         f"recognised {len(ends) - len(missed)} of {len(ends)} times; measured for less than 0.8 s: "
         f"{', '.join(f'{count} by {why}' for why, count in short.items()) or 'none'}",
-        "after 0.3 s at each place: median <= 5 N, 95th percentile <= 8 N, contact >= 95 %; repeated "
-        "within 2 degrees r.m.s., on another robot the hand's direction from the shoulder within 10 degrees; "
-        "the end recognised 98 of 100 times",
-        not over and not off and not far and len(missed) <= 0.02 * len(ends),
+        "after 0.3 s at each place: median <= 5 N, 95th percentile <= 8 N, contact >= 95 %, no stop; "
+        "repeated within 2 degrees r.m.s., on another robot the hand's direction from the shoulder within 10 "
+        "degrees; the end recognised 98 of 100 times",
+        not over and not stopped and not off and not far and len(missed) <= 0.02 * len(ends),
     )
 
 
@@ -80,7 +81,7 @@ def _one(name: str, seed: int) -> dict[str, Any]:
         **about, "other": other, "apart": apart, "told": told, "patch": seen.patch,
         "rate": seen.rate, "pad": seen.pad, "median": seen.median,
         "high": seen.high, "kept": seen.kept, "peak": seen.peak, "tapped": seen.tapped, "off": seen.off,
-        "why": seen.why,
+        "why": seen.why, "state": seen.state,
     }  # fmt: skip
 
 

@@ -133,7 +133,7 @@ def speeds_of(robot: Robot, command: GenericCommand | CartesianCommand, mode: Mo
             f"speed of {command.part}: {np.array2string(speed, precision=3)}; "
             f"valid: above 0 rad/s, one number or {count} numbers"
         )
-    return RESERVE * np.broadcast_to(speed, count)
+    return RESERVE * speed * np.ones(count)
 
 
 def speed_limits(robot: Robot, part: str, position: Array) -> Array:

@@ -89,7 +89,7 @@ class Retreat:
         moved = self._part(part)
         goal = moved.driven_goal(target, position) if driven else None
         if goal is None:
-            goal = moved.goal(target, position)
+            goal = moved.goals(target[None], position)[0]
         way = np.empty((TIMES + 1, len(position)))
         way[:] = position
         together = mode in (Mode.POSITION, Mode.IMPEDANCE)
@@ -102,8 +102,7 @@ class Retreat:
         moved = self._part(part)
         way = np.empty((len(targets) + 1, len(position)))
         way[:] = position
-        goals = [moved.goal(target, position) for target in targets]
-        way[1:, moved.joints.servos] = np.reshape(goals, (-1, moved.joints.servos.size))
+        way[1:, moved.joints.servos] = moved.goals(targets, position)
         return self._displacements(way, moved, contacts, 0.0)
 
     def fastest(self, position: Array, part: str, target: Array) -> tuple[NDArray[np.intp], Array, float]:
@@ -111,7 +110,7 @@ class Retreat:
         servos (k,), their ways (k,) [rad], and the greatest speed, in ways per second."""
         moved = self._part(part)
         servos = moved.joints.servos
-        way = moved.goal(target, position) - position[servos]
+        way = moved.goals(target[None], position)[0] - position[servos]
         return servos, way, quickest(way, moved.speeds(position))
 
     def _displacements(self, way: Array, moved: _Part, contacts: Contacts, radius: float) -> Array:
@@ -154,11 +153,11 @@ class _Part:
     steady: bool
     """True if the speeds that the joints permit are the same in all postures, and included in `most`."""
 
-    def goal(self, target: Array, position: Array) -> Array:
-        """Servo angles (k,) [rad] for generic angles `target` (n,) [rad], within limits and couplings."""
-        goal = self.joints.goal(target, position)
-        keep_within(position, self.within, goal, np.empty((2, len(self.within.outside))))
-        return goal
+    def goals(self, targets: Array, position: Array) -> Array:
+        """Servo angles (g, k) [rad] for generic angles `targets` (g, n), within limits and couplings."""
+        goals = self.joints.goal(targets, position)
+        keep_within(position, self.within, goals, np.empty((2, len(self.within.outside))))
+        return goals
 
     def driven_goal(self, target: Array, position: Array) -> Array | None:
         """Servo angles (k,) [rad] after AHEAD, if a velocity drives the part towards `target` (n,) [rad];

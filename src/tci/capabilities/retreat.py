@@ -8,13 +8,12 @@ independent of the shape of the generic body.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import product
 
 import numpy as np
 
 from tci.body.generic_body import GenericBody
 from tci.messages import Mode, Perception
-from tci.messages.frames import Array
+from tci.messages.frames import Array, read_only
 
 PRESSED = 1e-5
 """Depth [m] up to which a motion into an object counts as tangential to the skin. Assumed: larger than
@@ -33,7 +32,7 @@ BEGUN = 0.1
 refused. Assumed: short against the way, long against rounding."""
 REACH = np.deg2rad(15.0)
 """Largest motion [rad] of a joint that `nowhere` tries: the base motions of the arms."""
-SHARES = (-1.0, -0.5, 0.0, 0.5, 1.0)
+SHARES = read_only([-1.0, -0.5, 0.0, 0.5, 1.0])
 """Fractions of `REACH` of each joint that `nowhere` combines."""
 AT_ONCE = 100
 """Motions that `nowhere` tries together, the steepest first: all 3125 of an arm take longer than a period."""
@@ -125,7 +124,8 @@ def nowhere(perception: Perception, body: GenericBody, part: str, answers: Seque
     jacobians = [body.jacobian(perception, perception.contacts[one], part) for one in answers]
     moving = np.flatnonzero(np.abs(jacobians).max(axis=(0, 1)) > 1e-6)
     ways = np.zeros((len(SHARES) ** len(moving), origin.size))
-    ways[:, moving] = REACH * np.reshape([*product(SHARES, repeat=len(moving))], (-1, len(moving)))
+    grid = np.indices((len(SHARES),) * len(moving)).reshape(len(moving), len(ways)).T
+    ways[:, moving] = REACH * SHARES[grid]
     # the linear motion, which differs from the true one by a few degrees, tells which are steep, and how
     steepness = np.full(len(ways), -np.inf)
     for one, jacobian in zip(answers, jacobians, strict=True):

@@ -30,27 +30,27 @@ def side_sign(side: Side) -> float:
 
 
 def upper_arm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
-    """Returns `R_MU` (3, 3), the rotation of the upper arm in the mount frame M, at the generic angles
-    `posture` (5,) [rad].
+    """Returns `R_MU` (..., 3, 3), the rotation of the upper arm in the mount frame M, at the generic angles
+    `posture` (..., 5) [rad].
 
     In the upper arm's frame U, -z points along the segment and x to the segment's flexor side. If `axial` is
     False, internal rotation (joint 2) is left out. The angle theta of a taxel is measured in the frame
     without internal rotation.
     """
     s = side_sign(side)
-    c0, c1, c2 = np.cos(posture[:3]).tolist()
-    s0, s1, s2 = np.sin(posture[:3]).tolist()
+    c0, c1, c2 = np.cos(posture[..., :3]).T
+    s0, s1, s2 = np.sin(posture[..., :3]).T
     s1, s2 = s * s1, s * s2
     if not axial:
-        c2, s2 = 1.0, 0.0
+        c2, s2 = np.ones_like(c2), np.zeros_like(s2)
     # Ry(-pitch) Rx(s roll) Rz(-s yaw), written out for speed: it is computed for each command.
     return np.array(
         [
-            [c0 * c2 + s0 * s1 * s2, c0 * s2 - s0 * s1 * c2, -s0 * c1],
-            [-c1 * s2, c1 * c2, -s1],
-            [s0 * c2 - c0 * s1 * s2, s0 * s2 + c0 * s1 * c2, c0 * c1],
+            [c0 * c2 + s0 * s1 * s2, -c1 * s2, s0 * c2 - c0 * s1 * s2],
+            [c0 * s2 - s0 * s1 * c2, c1 * c2, s0 * s2 + c0 * s1 * c2],
+            [-s0 * c1, -s1, c0 * c1],
         ]
-    )
+    ).T
 
 
 def shoulder_angles(R_MU: Array, side: Side) -> Array:

@@ -84,12 +84,13 @@ class JointMap:
         return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
 
     def goal(self, generic: Array, position: Array) -> Array:
-        """The angles (k,) [rad] to ask of `servos` for generic angles (n,) [rad]: those of `to_robot`, but a
-        shoulder that has to stop at a limit goes where it comes nearest from `position` (n_servos,) [rad]."""
-        if self._lines is not None:
+        """The angles (..., k) [rad] to ask of `servos` for generic angles (..., n) [rad]: those of
+        `to_robot`, but a shoulder that has to stop at a limit goes where it comes nearest from `position`
+        (n_servos,) [rad]."""
+        if self._lines is not None and generic.ndim == 1:
             return self.to_robot(generic, position)
-        parts = [t.goal(generic.take(t.ids), position.take(t.servos)) for t in self.transforms]
-        return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
+        parts = [t.goal(generic.take(t.ids, -1), position.take(t.servos)) for t in self.transforms]
+        return np.concatenate([generic[..., :0], *parts], axis=-1)
 
     def slope(self, position: Array) -> Array:
         """Returns the derivative d generic / d servo (m, k) at `position` (n_servos,) [rad]: one row for each
@@ -154,8 +155,8 @@ class JointMap:
         All servos are at `position` (n_servos,) [rad]. Raises CommandError if a transform has no derivative
         somewhere on the way.
         """
-        steepest = np.abs(self._slopes(position, target - position[self.servos], WAYPOINTS)).max(axis=0)
-        return servo_speeds(steepest, most[self.ids])
+        slopes = self._slopes(position, target - position[self.servos], WAYPOINTS)
+        return servo_speeds(slopes, most[self.ids])
 
     def rates_within(self, rates: Array, position: Array, most: Array) -> Array:
         """Returns the `rates` (k,) [rad/s] of `servos`, all reduced by one factor so that no generic joint
@@ -189,7 +190,7 @@ class JointMap:
         """
         if self._slope is not None:
             return self.speeds(position)
-        return frozen(servo_speeds(self.slope(position), self._speeds[self.ids]))
+        return frozen(servo_speeds(self.slope(position)[None], self._speeds[self.ids]))
 
 
 class Postures:

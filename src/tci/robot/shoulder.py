@@ -18,7 +18,7 @@ from tci.errors import DescriptionError, Fault
 from tci.messages.frames import Array, read_only
 from tci.robot.description import GenericPart, Robot
 from tci.robot.generic_arm import shoulder_angles, side_sign, upper_arm_rotation
-from tci.robot.kernels.shoulder import ShoulderArrays, keep_inside, slopes, solve, solve_near
+from tci.robot.kernels.shoulder import ShoulderArrays, slopes, solve, solve_near
 from tci.robot.kinematics import KinematicChain
 
 SLANT = 0.05
@@ -121,21 +121,21 @@ class Shoulder:
         return [*found[: solve(np.ascontiguousarray(R_TU), self._arrays, found)]]
 
     def best(self, R_TU: Array, near: Array) -> Array:
-        """Returns the solution (3,) [rad] that violates the limits least. If several solutions violate the
-        limits equally, returns the solution nearest to `near` (3,) [rad]."""
-        best = np.empty(3)
-        solve_near(
-            np.ascontiguousarray(R_TU), np.ascontiguousarray(near), self._arrays, np.empty((2, 3)), best
-        )
-        return best
+        """Returns the solution (..., 3) [rad] that violates the limits least. If several solutions violate
+        the limits equally, returns the solution nearest to `near` (3,) [rad]."""
+        return self._near(R_TU, near, inside=False)
 
     def goal(self, R_TU: Array, near: Array) -> Array:
-        """The angles (3,) [rad] to ask for from `near` (3,) [rad]: `best`, but if a joint of it has to stop
-        at a limit, the others go where the upper arm is nearest to `R_TU`. Only what the limits allow is
+        """The angles (..., 3) [rad] to ask for from `near` (3,) [rad]: `best`, but if a joint of it has to
+        stop at a limit, the others go where the upper arm is nearest to `R_TU`. Only what the limits allow is
         asked within them: else some joint asks for more than its limit."""
-        angles = self.best(R_TU, near)
-        keep_inside(np.ascontiguousarray(R_TU), np.ascontiguousarray(near), self._arrays, angles)
-        return angles
+        return self._near(R_TU, near, inside=True)
+
+    def _near(self, R_TU: Array, near: Array, *, inside: bool) -> Array:
+        each = np.ascontiguousarray(R_TU).reshape(-1, 3, 3)
+        found = np.empty((len(each), 3))
+        solve_near(each, np.ascontiguousarray(near), self._arrays, inside, np.empty((2, 3)), found)
+        return found.reshape(R_TU.shape[:-1])
 
     def spin(self, angles: Array) -> Array:
         """Returns the axes (3, 3) of the joints at servo `angles` (3,) [rad], in the torso frame, one axis
@@ -158,8 +158,8 @@ class Shoulder:
         return shoulder_angles(R_TM.T @ R_TU, self.side)
 
     def wanted(self, generic: Array, R_TM: Array) -> Array:
-        """Returns the rotation `R_TU` (3, 3) of the upper arm at the angles `generic` (3,) [rad]. `R_TM` (3,
-        3) is the rotation of the arm's mount."""
+        """Returns the rotation `R_TU` (..., 3, 3) of the upper arm at the angles `generic` (..., 3) [rad].
+        `R_TM` (3, 3) is the rotation of the arm's mount."""
         rotation: Array = R_TM @ upper_arm_rotation(generic, self.side, axial=True)
         return rotation
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from tci.errors import CommandError
 from tci.messages.frames import Array
 from tci.robot.description import GenericPart, GenericServo, Robot
+from tci.robot.kernels.joints import limit_servos
 
 KINDS = ("linear", "table", "coupled", "synergy", "retarget")
 """Kinds of transforms of a joint."""
@@ -44,12 +45,12 @@ class Transform(ABC):
 
     @abstractmethod
     def robot(self, generic: Array, near: Array) -> Array:
-        """Returns the servo angles (k,) [rad] for generic angles (k,) [rad]. If there are several solutions,
-        returns the solution nearest to `near` (k,) [rad]."""
+        """Returns the servo angles (..., k) [rad] for generic angles (..., k) [rad]. If there are several
+        solutions, returns the solution nearest to `near` (k,) [rad]."""
 
     def goal(self, generic: Array, near: Array) -> Array:
-        """The angles (k,) [rad] to ask of the servos: those of `robot`, unless a shoulder has to stop at a
-        limit."""
+        """The angles (..., k) [rad] to ask of the servos: those of `robot`, unless a shoulder has to stop at
+        a limit."""
         return self.robot(generic, near)
 
     @abstractmethod
@@ -68,7 +69,7 @@ class Transform(ABC):
         """Returns the speed (k,) [rad/s] at which each servo may move to a target, with all servos at
         `angles` (k,) [rad]. `most` (k,) [rad/s] are the largest speeds of the generic joints, as given in the
         description."""
-        return servo_speeds(self.slope(angles), most)
+        return servo_speeds(self.slope(angles)[None], most)
 
     constant = False
     """True if `slope` returns the same result for all postures."""
@@ -141,7 +142,7 @@ class Coupled(Transform):
         return result
 
     def robot(self, generic: Array, near: Array) -> Array:
-        result: Array = self._inverse @ (generic - self._offset)
+        result: Array = (generic - self._offset) @ self._inverse.T
         return result
 
     def slope(self, angles: Array) -> Array:
@@ -213,16 +214,12 @@ class Retarget(Transform):
         return most
 
 
-def servo_speeds(slope: Array, most: Array) -> Array:
-    """Returns servo speeds (k,) [rad/s] at which no joint exceeds `most` (m,) [rad/s], even if all servos
-    move this joint at once.
-
-    The condition is `sum_j |slope[i, j]| speed[j] <= most[i]`. `slope` (m, k) is d generic / d servo.
-    """
-    size = np.abs(slope)
-    each = np.where(size > 0.0, (most / size.sum(axis=1))[:, None], np.inf)
-    result: Array = each.min(axis=0, initial=np.inf)
-    return result
+def servo_speeds(slopes: Array, most: Array) -> Array:
+    """Returns servo speeds (k,) [rad/s] at which no joint exceeds `most` (m,) [rad/s] in any of p postures,
+    even if all servos move this joint at once. `slopes` (p, m, k) are d generic / d servo."""
+    sizes, speeds = np.empty((2, slopes.shape[2]))
+    limit_servos(np.ascontiguousarray(slopes), most, sizes, speeds)
+    return speeds
 
 
 def _piece(values: Array, nodes: Array) -> NDArray[np.intp]:

@@ -60,7 +60,36 @@ class Drives(NamedTuple):
     """Natural frequency [rad/s] of a servo."""
 
 
+Blow = tuple[float, float, float, float, float, float, float]
+"""Place [m] and speed [m/s] of what strikes and of what is struck, the largest force [N] so far, the spring
+[N/m] between them, 0 once they parted, and by how much [m/s] a newton changes the speed of the struck."""
+NOBODY: Blow = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _DRIVES = record(Drives, reads(1), reads(1), float64, float64)
+
+
+@inlined
+def _begun(speed: float, spring: float, struck: float) -> Blow:
+    return 0.0, speed, 0.0, 0.0, 0.0, spring, STEP / struck
+
+
+@inlined
+def _next(
+    blow: Blow, stiffness: float, damping: float, stall: float, own: float, goes: float, reference: float
+) -> Blow:
+    x, v, y, w, most, spring, other = blow
+    push = stiffness * (reference - x) + damping * (goes - v)
+    push = min(max(push, -stall), stall)
+    force = max(spring * (x - y), 0.0)
+    v += (push - force) * own
+    w += force * other
+    x += v * STEP
+    y += w * STEP
+    return x, v, y, w, max(most, force), spring if x >= y else 0.0, other
+
+
+@inlined
+def _largest(blow: Blow) -> float:
+    return blow[4] if np.isfinite(blow[4]) else np.inf
 
 
 @inlined
@@ -68,22 +97,36 @@ def _peak(
     mass: float, stiffness: float, damping: float, stall: float, speed: float, spring: float, struck: float,
     reaction: float,
 ) -> float:  # fmt: skip
-    x, v, y, w, reference, most = 0.0, speed, 0.0, 0.0, 0.0, 0.0
-    own, other = STEP / mass, STEP / struck
+    own, reference, blow = STEP / mass, 0.0, _begun(speed, spring, struck)
     for i in range(int(LONGEST / STEP)):
         goes = speed if i * STEP < reaction else 0.0
         reference += goes * STEP
-        push = stiffness * (reference - x) + damping * (goes - v)
-        push = min(max(push, -stall), stall)
-        force = max(spring * (x - y), 0.0)
-        v += (push - force) * own
-        w += force * other
-        x += v * STEP
-        y += w * STEP
-        most = max(most, force)
-        if x < y:
+        blow = _next(blow, stiffness, damping, stall, own, goes, reference)
+        if blow[5] == 0.0:
             break
-    return most if np.isfinite(most) else np.inf
+    return _largest(blow)
+
+
+@inlined
+def _three_peaks(
+    mass: float, stiffness: float, damping: float, stall: float, speed: float, people: Array, first: int,
+    reaction: float,
+) -> tuple[float, float, float]:  # fmt: skip
+    """`_peak` on three people from `first` on, 0 where there is none: each waits only for its own last step,
+    so three take little longer than one."""
+    count, own, reference = len(people), STEP / mass, 0.0
+    a = _begun(speed, people[first, 0], people[first, 1])
+    b = _begun(speed, people[first + 1, 0], people[first + 1, 1]) if first + 1 < count else NOBODY
+    c = _begun(speed, people[first + 2, 0], people[first + 2, 1]) if first + 2 < count else NOBODY
+    for i in range(int(LONGEST / STEP)):
+        goes = speed if i * STEP < reaction else 0.0
+        reference += goes * STEP
+        a = _next(a, stiffness, damping, stall, own, goes, reference)
+        b = _next(b, stiffness, damping, stall, own, goes, reference)
+        c = _next(c, stiffness, damping, stall, own, goes, reference)
+        if a[5] + b[5] + c[5] == 0.0:
+            break
+    return _largest(a), _largest(b), _largest(c)
 
 
 @compiled(float64(float64, float64, float64, float64, float64, float64, float64, float64))
@@ -225,25 +268,27 @@ def spare(blows: Array, people: Array, margin: float, reaction: float) -> tuple[
         margin: Factor on the predicted force.
         reaction: [s].
     """
-    share = 1.0
-    while True:
-        before, largest = share, 0.0
-        for i in range(len(blows)):
-            mass, stiffness, damping, stall, speed = blows[i]
-            for j in range(len(people)):
-                spring, struck, most = people[j]
-                force = _peak(mass, stiffness, damping, stall, share * speed, spring, struck, reaction)
-                largest = max(largest, force)
-                if margin * force <= most:
-                    continue
-                low, high = 0.0, share
+    share, largest, i, j = 1.0, 0.0, 0, 0
+    left = len(blows) * len(people)  # so many are not yet known at this share
+    while left > 0:
+        mass, stiffness, damping, stall, speed = blows[i]
+        forces = _three_peaks(mass, stiffness, damping, stall, share * speed, people, j, reaction)
+        for k in range(min(3, len(people) - j, left)):
+            (spring, struck, most), force = people[j], forces[k]
+            j, left, slower = j + 1, left - 1, not margin * force <= most
+            if slower:
+                low, high, force = 0.0, share, 0.0
                 for _ in range(HALVINGS):
                     middle = 0.5 * (low + high)
-                    force = _peak(mass, stiffness, damping, stall, middle * speed, spring, struck, reaction)
-                    if margin * force <= most:
-                        low = middle
+                    peak = _peak(mass, stiffness, damping, stall, middle * speed, spring, struck, reaction)
+                    if margin * peak <= most:
+                        low, force = middle, peak
                     else:
                         high = middle
-                share = low
-        if share == before:
-            return share, largest
+                share, largest, left = low, 0.0, len(blows) * len(people) - 1
+            largest = max(largest, force)
+            if slower:
+                break
+        if j == len(people):
+            i, j = (i + 1) % len(blows), 0
+    return share, largest

@@ -1,4 +1,4 @@
-"""Generic joints that are linear combinations of servos, in one compiled loop."""
+"""Compiled loops for generic joints that are combinations of servos."""
 
 from __future__ import annotations
 
@@ -34,3 +34,24 @@ def combine_servos(
         for other in range(i + 1, begin[j + 1]):
             angle += factors[other] * position[servos[other]]
         generic[ids[j]] = angle + offsets[j]
+
+
+@compiled(void(reads(3), reads(1), writes(1), writes(1)))
+def limit_servos(slopes: Array, most: Array, sizes: Array, speeds: Array) -> None:
+    """Writes servo speeds (k,) [rad/s] at which no joint exceeds `most` (m,) [rad/s] in any of p postures,
+    even if all servos move this joint at once, into `speeds`.
+
+    The condition is `sum_j |slope[i, j]| speed[j] <= most[i]`, with the largest size of each slope. `slopes`
+    (p, m, k) are d generic / d servo. `sizes` (k,) is overwritten.
+    """
+    speeds[:] = np.inf
+    for i in range(len(most)):
+        total = 0.0
+        for j in range(len(speeds)):
+            sizes[j] = 0.0
+            for p in range(len(slopes)):
+                sizes[j] = max(sizes[j], abs(slopes[p, i, j]))
+            total += sizes[j]
+        for j in range(len(speeds)):
+            if sizes[j] > 0.0:
+                speeds[j] = min(speeds[j], most[i] / total)

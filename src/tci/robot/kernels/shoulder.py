@@ -214,12 +214,8 @@ def solve(R_TU: Array, shoulder: ShoulderArrays, found: Array) -> int:
     return count
 
 
-@compiled(void(reads(2), reads(1), _SHOULDER, writes(2), writes(1)))
-def solve_near(R_TU: Array, near: Array, shoulder: ShoulderArrays, found: Array, best: Array) -> None:
-    """Writes the solution that violates the limits least, and of equal ones (to 1e-6 rad) the nearest to
-    `near` (3,) [rad], into `best` (3,). A solution within SHORT of `near` wins in any case: an arm at a limit
-    stays there, instead of turning its shoulder around for a few degrees. `found` (2, 3) is room for all
-    solutions."""
+@inlined
+def _solve_near(R_TU: Array, near: Array, shoulder: ShoulderArrays, found: Array, best: Array) -> None:
     chosen, worst, farthest = 0, 0.0, 0.0
     for k in range(_solve(R_TU, shoulder, found)):
         outside, apart, turned = 0.0, 0.0, 0.0
@@ -237,8 +233,8 @@ def solve_near(R_TU: Array, near: Array, shoulder: ShoulderArrays, found: Array,
         best[i] = found[chosen, i]
 
 
-@compiled(void(reads(2), reads(1), _SHOULDER, writes(1)))
-def keep_inside(R_TU: Array, near: Array, shoulder: ShoulderArrays, best: Array) -> None:
+@inlined
+def _keep_inside(R_TU: Array, near: Array, shoulder: ShoulderArrays, best: Array) -> None:
     """Changes a solution `best` (3,) [rad] beyond the limits: the joints that don't end at their limits do
     what they can for those that do, from `near` (3,) [rad]. At least one asks for more than its limit, so
     that whoever clips it can tell that the arm does not get to `R_TU` (3, 3)."""
@@ -265,6 +261,21 @@ def keep_inside(R_TU: Array, near: Array, shoulder: ShoulderArrays, best: Array)
             else:
                 best[i] = max(best[i], b[i] + more[i])
         return
+
+
+@compiled(void(reads(3), reads(1), _SHOULDER, boolean, writes(2), writes(2)))
+def solve_near(
+    R_TU: Array, near: Array, shoulder: ShoulderArrays, inside: bool, room: Array, best: Array
+) -> None:
+    """Writes for each of m rotations `R_TU` (m, 3, 3) the solution that violates the limits least, and of
+    equal ones (to 1e-6 rad) the nearest to `near` (3,) [rad], into `best` (m, 3). A solution within SHORT of
+    `near` wins in any case: an arm at a limit stays there, instead of turning its shoulder around for a few
+    degrees. With `inside`, solutions beyond the limits are changed as `_keep_inside` says. `room` (2, 3) is
+    overwritten."""
+    for k in range(len(R_TU)):
+        _solve_near(R_TU[k], near, shoulder, room, best[k])
+        if inside:
+            _keep_inside(R_TU[k], near, shoulder, best[k])
 
 
 @compiled(boolean(views(2), reads(2), float64, _SHOULDER, float64, writes(3)))

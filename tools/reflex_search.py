@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -47,7 +47,8 @@ class Candidate:
     threshold: float = 0.2
     saturation: float = 2.0
 
-    def reflex(self) -> WithdrawalReflex:
+    def reflex(self, *, spares: bool = False) -> WithdrawalReflex:
+        """The reflex, at full speed or at one that spares whoever stands in its way."""
         factors = np.array([self.shoulder, self.shoulder, self.turn, self.elbow, 1.0])
 
         def changed(one: ReceptiveField) -> ReceptiveField:
@@ -56,7 +57,8 @@ class Candidate:
             return one.model_copy(update=new)
 
         fields, surround = (tuple(map(changed, own)) for own in (default_fields(), default_surround()))
-        return WithdrawalReflex(fields=fields, surround=surround, people=())
+        reflex = WithdrawalReflex(fields=fields, surround=surround)
+        return reflex if spares else replace(reflex, people=())
 
 
 def drawn(chance: np.random.Generator, most: float) -> Candidate:

@@ -229,8 +229,8 @@ def test_nobody_else_moves_the_part_until_the_contact_is_over() -> None:
 
 def test_a_behaviour_that_insists_is_stopped_and_the_joint_freed() -> None:
     held = Held()
-    for step in range(1500):
-        held.step(*[position_command([2], [1.5])] * (step % 75 == 0))
+    for step in range(3000):
+        held.step(*[position_command([2], [1.5])] * (step % 150 == 0))
     assert held.gate.state is GateState.STOP
     assert held.gate.reason is not None
     assert held.gate.reason.code is Code.CONTACT
@@ -255,11 +255,20 @@ def test_a_stream_that_a_contact_interrupts_goes_on_only_near_the_part() -> None
     assert held.sent[2] == pytest.approx(-0.2)
 
 
+def test_a_joint_that_is_where_its_stream_asks_lets_no_other_joint_go_on() -> None:
+    held = Held()
+    for _ in range(2500):
+        held.step(position_command([2], [1.5]), position_command([3], [0.0]))
+    assert len(held.told) == 1
+    assert len(held.safe.refusals) == 1
+    assert held.sent[2] < held.at
+
+
 def test_a_stream_that_a_contact_interrupts_begins_anew_after_a_pause() -> None:
     held = Held()
     for _ in range(1200):
         held.step(position_command([2], [1.5]))
-    for _ in range(60):
+    for _ in range(150):
         held.step()
     held.step(position_command([2], [-0.5]))
     assert not held.safe.refusals

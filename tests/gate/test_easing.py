@@ -68,11 +68,16 @@ def felt(part: str, force: float) -> Contacts:
 
 def eased(
     *, part: str = "left_arm", force: float = 20.0, code: Code = Code.ENCODER_JUMPED,
-    asked: float | None = None, powered: bool = True,
+    asked: float | None = None, powered: bool = True, load: float = 0.0, lean: float | None = None,
 ) -> dict[int, float]:  # fmt: skip
-    """Which shares of stiffness the gate sends by itself when skin feels a force after a stop."""
+    """Which shares of stiffness the gate sends by itself when skin feels a force after a stop, with a `load`
+    [kg] in the hand; or with an arm that hangs along a torso that leans forward [rad]."""
     gate = Gate(ROBOT, period=PERIOD, stale_after=0.1, settings=ANSWERS, streams=True)
+    gate.load("left_arm", load)
     angles, found = np.array(initial_position(ROBOT)), dict[int, float]()
+    if lean is not None:
+        angles[[PLACE[f"l_{joint}"] for joint in ("shoulder_pitch", "shoulder_yaw", "elbow")]] = 0.0, 0.0, 0.3
+        angles[[ROLL, PLACE["torso_pitch"]]] = 0.1, lean
     for step in range(60):
         now = step * PERIOD
         orders = [position_command([ROLL], [angles[ROLL]])] if step == 0 else []
@@ -107,8 +112,14 @@ def test_a_part_is_eased_as_far_as_its_weight_is_held() -> None:
 
 @pytest.mark.parametrize(
     "case",
-    [{"force": 12.0}, {"code": Code.SERVO_OFF}, {"code": Code.OTHER}, {"part": "left_hand"}],
-    ids=["a light touch", "a servo is off", "a stop for another cause", "fingers"],
+    [
+        {"force": 12.0},
+        {"code": Code.SERVO_OFF},
+        {"code": Code.OTHER},
+        {"part": "left_fingers", "force": 12.0},
+        {"part": "torso"},
+    ],
+    ids=["a light touch", "a servo is off", "a stop for another cause", "fingers", "a waist"],
 )
 def test_nothing_else_is_eased(case: dict[str, object]) -> None:
     assert not eased(**case)  # type: ignore[arg-type]
@@ -118,3 +129,14 @@ def test_no_joint_becomes_stiffer_and_none_is_switched_on() -> None:
     assert ROLL not in eased(asked=0.02)
     assert ROLL not in eased(powered=False)
     assert len(eased(powered=False)) > 1
+
+
+def test_what_a_hand_carries_is_held() -> None:
+    empty, full = eased(), eased(load=1.0)
+    assert full.get(ROLL, 1.0) > empty[ROLL] + 0.1
+
+
+def test_a_torso_that_leans_does_not_change_which_way_is_down() -> None:
+    """An arm that hangs along a torso at 60 degrees weighs on its shoulder."""
+    pitch = PLACE["l_shoulder_pitch"]
+    assert eased(lean=np.deg2rad(60.0)).get(pitch, 1.0) > eased(lean=0.0)[pitch] + 0.1

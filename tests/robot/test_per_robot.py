@@ -59,8 +59,8 @@ def test_a_name_stands_for_one_object_until_its_description_changes(monkeypatch:
     assert tci.load_robot("nao") == robot
 
 
-@pytest.mark.parametrize("file", ["left_sole.csv", "nao.mjcf.xml"])
-def test_a_changed_file_of_skin_or_model_gives_a_new_object(
+@pytest.mark.parametrize("file", ["left_sole.csv", "nao.mjcf.xml", "robot.xml"])
+def test_a_changed_file_gives_a_new_object(
     file: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """In an earlier version `load_robot` returned the robot in use, with the skin and the geometry of the

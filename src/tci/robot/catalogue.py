@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from tci.robot.description import Robot
 
 Files = tuple[tuple[str, int, int], ...]
-"""A description and the files that it names. For each file: its path, its size [bytes], and the time [ns] of
-its last change."""
+"""The descriptions in a robot's folder, of which one may extend another, and the files that the robot names.
+For each file: its path, its size [bytes], and the time [ns] of its last change."""
 GROUP = "tci.robots"
 """Entry-point group in which other packages name their robots."""
 FILE = "robot.xml"
@@ -87,10 +87,10 @@ def _read(path: str | Path) -> Robot:
 
 
 def _named_files(robot: Robot) -> Files:
-    """Returns path, size and time of the last change of a robot's description, and of each model file and
-    skin file of the robot. Leaves out missing files."""
+    """Returns path, size and time of the last change of each description in a robot's folder, and of each
+    model file and skin file of the robot. Leaves out missing files."""
     model = robot.model
-    named = [robot.source]
+    named = sorted(map(str, Path(robot.source).parent.glob("*.xml")))
     named += [] if model is None else [model.path, *(one.path for one in model.attachments)]
     named += [file for patch in robot.patches if (file := getattr(patch.surface, "file", None))]
     found = []

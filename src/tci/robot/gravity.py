@@ -96,10 +96,10 @@ def weighted_model(robot: Robot) -> tuple[mujoco.MjModel, int]:
 
 
 @lru_cache(maxsize=16)
-def _weighted_model(description: Model, _: int) -> tuple[mujoco.MjModel, int]:
+def _weighted_model(description: Model, _: tuple[int, ...]) -> tuple[mujoco.MjModel, int]:
     """Returns the MuJoCo model that `description` names, with masses and gravity, and the index of its torso
-    body. The second argument is the time [ns] at which its file was last written, so that a changed file is
-    read again. Callers must not modify the model."""
+    body. The second argument has the times [ns] at which its files were last written, so that a changed file
+    is read again. Callers must not modify the model."""
     model = bare_model(description)
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     links = [model.body(index).name for index in range(1, model.nbody)]

@@ -244,8 +244,8 @@ class _Tables:
 
 
 @per_robot
-def _tables(robot: Robot, _: int) -> _Tables:
-    """The second argument is the time [ns] at which the model's file was last written."""
+def _tables(robot: Robot, _: tuple[int, ...]) -> _Tables:
+    """The second argument has the times [ns] at which the model's files were last written."""
     assert robot.model is not None
     model = _shared_model(robot.model)
     bodies = {model.body(index).name: index for index in range(1, model.nbody)}
@@ -335,16 +335,16 @@ def _shared_model(model: Model) -> mujoco.MjModel:
     return _bare_model(model, written(model))
 
 
-def written(model: Model) -> int:
-    """Returns the time [ns] at which the last of a model's files was written; 0 if there is none."""
+def written(model: Model) -> tuple[int, ...]:
+    """Returns the times [ns] at which a model's files were last written; 0 for one that is missing."""
     files = [Path(one) for one in (model.path, *(one.path for one in model.attachments))]
-    return max((file.stat().st_mtime_ns for file in files if file.is_file()), default=0)
+    return tuple(file.stat().st_mtime_ns if file.is_file() else 0 for file in files)
 
 
 @lru_cache(maxsize=16)
-def _bare_model(model: Model, _: int) -> mujoco.MjModel:
-    """Returns MuJoCo's form of a model, reduced to what kinematics need. The second argument is the time [ns]
-    at which its file was last written, so that a changed file is read again."""
+def _bare_model(model: Model, _: tuple[int, ...]) -> mujoco.MjModel:
+    """Returns MuJoCo's form of a model, reduced to what kinematics need. The second argument has the times
+    [ns] at which its files were last written, so that a changed file is read again."""
     spec = load_spec(model)
     useless = (spec.sensors, spec.actuators, spec.equalities, spec.tendons, spec.pairs, spec.excludes)
     for element in [element for group in (*useless, spec.geoms, spec.meshes) for element in group]:

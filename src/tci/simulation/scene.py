@@ -64,10 +64,14 @@ def build_scene(
 
 @lru_cache(maxsize=8)
 def _alone(
-    robot: Robot, surfaces: tuple[Surface, ...], posture: tuple[float, ...], _: int, **settings: Any
+    robot: Robot,
+    surfaces: tuple[Surface, ...],
+    posture: tuple[float, ...],
+    _: tuple[int, ...],
+    **settings: Any,
 ) -> mujoco.MjModel:
     """A scene without people, of which the next world gets a copy: to build it takes twenty times as long.
-    The fourth argument is the time [ns] at which the model's file was last written."""
+    The fourth argument has the times [ns] at which the model's files were last written."""
     return _built(robot, {one.patch: one for one in surfaces}, np.array(posture), **settings)
 
 

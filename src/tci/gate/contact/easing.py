@@ -13,8 +13,9 @@ from tci.gate.contact.group import Group
 from tci.gate.contact.weights import MOST, SOFT, bends
 from tci.messages.frames import Array
 from tci.robot.description import Robot
-from tci.robot.gravity import Gravity
+from tci.robot.gravity import DOWN, Gravity
 from tci.robot.joint_calibration import Tool
+from tci.robot.kinematics import KinematicChain
 
 LEAST = 0.1
 """Share of the stiffness that is left at least: dry friction holds a joint with half of it."""
@@ -25,16 +26,17 @@ class Easing:
 
     def __init__(self, robot: Robot) -> None:
         self._torque = np.array([servo.limits.torque or np.nan for servo in robot.servos])
-        self._loaded: Array | float = 0.0
-        self._gravity: Gravity | None
+        self._gravity: Gravity | None = None
         try:
-            self._gravity = Gravity(robot)
+            self._gravity, self._chain = Gravity(robot), KinematicChain(robot)
         except (DescriptionError, UnknownNameError):
-            self._gravity = None
+            return
+        self._root = self._chain.links[0]
+        self._down = self._turn(np.zeros(len(robot.servos))).T @ DOWN
 
     def load(self, robot: Robot, tools: Mapping[str, Tool]) -> None:
         """Notes what links carry, by the name of the link."""
-        self._loaded = bends(robot, tools) - bends(robot, {}) if tools else 0.0
+        self._loaded = bends(robot, tools, most=np.inf) - bends(robot, {}, most=np.inf)
 
     def shares(self, group: Group, position: Array, powered: NDArray[np.bool_] | None) -> dict[int, float]:
         """Shares (0..1) of the group's stiffness, by servo, at which gravity bends no joint by more than a
@@ -47,8 +49,16 @@ class Easing:
         """
         if self._gravity is None:
             return {}
-        bent = SOFT * np.abs(self._gravity.torques(position)) / self._torque + self._loaded
+        weight = self._gravity.torques(position, down=self._turn(position) @ self._down)
+        bent = SOFT * np.abs(weight) / self._torque + self._loaded
         least = np.clip(bent / MOST, LEAST, 1.0)[group.servos]
-        on = np.ones(len(position), bool) if powered is None else powered
+        on = np.ones(len(position), bool)
+        if powered is not None and powered.shape == on.shape:
+            on = powered
         rows = zip(group.servos.tolist(), least.tolist(), group.sags.shares.tolist(), strict=True)
         return {servo: share for servo, share, now in rows if share < now and on[servo]}
+
+    def _turn(self, position: Array) -> Array:
+        """Rotation (3, 3) of the root in the torso frame; the root stays upright while a torso leans."""
+        turn: Array = self._chain.poses(position, [self._root])[self._root][:3, :3]
+        return turn

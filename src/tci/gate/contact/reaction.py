@@ -113,14 +113,14 @@ class ContactReaction:
         """Why an order at `now` [s] must not pass, in words, while the servos are at `position` (n_servos,)
         [rad]; None if it may. Raises CommandError for an invalid order."""
         named = np.ravel(order.servos).tolist()
-        blocked = not self.blocked.isdisjoint(named)
+        blocked = self.blocked.intersection(named)
         found = [
             one
             for one in self._groups_of(order.servos)
-            if one.stream.refuses(self._robot, order, position, now, blocked=blocked)
+            if one.stream.refuses(self._robot, order, position, now, blocked=bool(blocked & one.own))
         ]
         if blocked:
-            servo = next(servo for servo in named if servo in self.blocked)
+            servo = next(servo for servo in named if servo in blocked)
             parts = ", ".join(self.touched) or self._robot.servos[servo].robot_part
             return f"{parts} met something; valid: commands half a second after the contact"
         if found:
@@ -159,13 +159,10 @@ class ContactReaction:
         """While angles are not what they seem: shares (0..1) of stiffness by servo, and what to tell, of each
         part that still answers a contact, or whose skin feels more than it answers from on."""
         shares, told = dict[int, float](), list[Reason]()
-        if contacts is not None:
-            self._soles = self._balance.loaded(contacts)
         for number, group in self._groups.items():
             felt = max((one.force for one in contacts or () if one.part in group.parts), default=0.0)
             answers = (group.goal is not None and group.free is None) or group.noticing.sure
-            stands = group.waist and bool(self._soles)
-            if self._position is None or number in self._eased or stands:
+            if self._position is None or number in self._eased or group.waist:  # a soft waist lets it fall
                 continue
             if not (answers or felt > self._settings.felt):
                 continue

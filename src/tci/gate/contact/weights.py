@@ -65,8 +65,9 @@ class Sags:
 
     def __init__(self, servos: NDArray[np.intp]) -> None:
         self._servos = servos
-        self.shares, self._sags = np.ones(len(servos)), np.zeros(len(servos))
+        self.shares = np.ones(len(servos))
         """Which they get (k,)."""
+        self._sags = np.zeros(len(servos))
         self._stiffer = np.zeros(len(servos), bool)
         self._until = np.full(len(servos), -np.inf)
 
@@ -88,9 +89,10 @@ class Sags:
         return self._sags
 
 
-def bends(robot: Robot, loads: Mapping[str, Tool]) -> Array:
-    """Angles (n_servos,) [rad] by which dry friction, a weight that nobody declared, and declared `loads`, by
-    the name of their links, may bend the joints; 0 where the model or the torque limit is unknown."""
+def bends(robot: Robot, loads: Mapping[str, Tool], *, most: float = MOST) -> Array:
+    """Angles (n_servos,) [rad], at `most`, by which dry friction, a weight that nobody declared, and declared
+    `loads`, by the name of their links, may bend the joints; 0 where the model or the torque limit is
+    unknown."""
     weights = np.zeros(len(robot.servos))
     try:
         levers = _levers(robot)
@@ -101,7 +103,7 @@ def bends(robot: Robot, loads: Mapping[str, Tool]) -> Array:
         weights = np.maximum(weights, mass * STANDARD_GRAVITY * np.maximum(one.arm, one.waist))
     torque = np.array([servo.limits.torque or np.inf for servo in robot.servos])
     bent: Array = np.where(weights > 0.0, SOFT * (weights / torque + FRICTION), 0.0)
-    return np.minimum(bent, MOST)
+    return np.minimum(bent, most)
 
 
 def longest_levers(robot: Robot) -> Array:

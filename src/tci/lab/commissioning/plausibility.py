@@ -357,9 +357,9 @@ def _median_depth(surface: Surface, shapes: Array) -> float:
 
 
 @lru_cache(maxsize=4)
-def _points(model: Model, _: int) -> LinkPoints:
-    """The second argument is the time [ns] at which the file was last written, so that a changed file is read
-    again."""
+def _points(model: Model, _: tuple[int, ...]) -> LinkPoints:
+    """The second argument has the times [ns] at which the files were last written, so that a changed file is
+    read again."""
     return LinkPoints(model)
 
 

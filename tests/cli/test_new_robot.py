@@ -171,3 +171,18 @@ def test_every_option_that_a_refusal_offers_is_followed_with_success(
     assert set(offered) == options
     for option in offered:
         tci("new-robot", str(path), "--force", *option.split())
+
+
+@pytest.mark.parametrize("angle", ["degree", "radian"])
+def test_radians_are_only_for_a_file_that_tells_no_unit(angle: str, tmp_path: Path) -> None:
+    """The unit that a file told was replaced in silence."""
+    words = f'<mujoco><compiler angle="{angle}"/><worldbody/></mujoco>'
+    (tmp_path / "hand.xml").write_text(words)
+    said = tci("new-robot", str(tmp_path / "hand.xml"), "--radians", status=1)
+    assert f"--radians: hand.xml counts angles in {angle}s; valid: with an MJCF that tells no unit" in said
+    assert not (tmp_path / "robot.xml").exists()
+
+
+def test_radians_are_not_for_a_urdf(tmp_path: Path) -> None:
+    said = tci("new-robot", str(MadeHumanoid().urdf(tmp_path)), "--radians", status=1)
+    assert "counts angles in radians; valid: with an MJCF that tells no unit" in said

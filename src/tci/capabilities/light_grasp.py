@@ -109,8 +109,8 @@ class LightGrasp(Capability[Grips]):
     """Least force [N] with which a person must pull a finger to make the hand open. The hand also opens when
     a held object leaves the palm."""
     speed: float = 0.3
-    """Speed [rad/s] of the flexion until a finger presses. After one has arrived with n times `force`, all
-    close n times slower. Assumed: a faster finger would press too much before its skin measures the
+    """Speed [rad/s] of the flexion until a finger presses. After one has felt n times `force`, all close
+    n times slower until the hand opens. Assumed: a faster finger would press too much before its skin measures the
     contact."""
     gain: float = 0.05
     """Speed of a pressing finger, divided by the missing force [rad/s per N]. The missing force is `force`

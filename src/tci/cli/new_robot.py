@@ -157,19 +157,22 @@ def new_robot(
     from tci.robot.description import Mount
     from tci.robot.generic_arm import Side
     from tci.robot.mesh_files import NO_MESHES
+    from tci.robot.model_format import unit_of_angles
     from tci.robot.xml import read_robot
     from tci.robot.xml.writer import write_robot
 
     if meshes is not None and without_meshes:
         raise CommandError("both --meshes and --without-meshes; valid: one of them")
-    if radians and model.suffix == ".urdf":
-        raise CommandError("--radians: angles of a URDF are in radians; valid: with an MJCF")
     name = name or _plain(model.stem)
     target = out or model.parent / "robot.xml"
     if package:
         model, file = _in_package(model, package)
     else:
         file = _beside(model, target, what="model")
+    if radians and (unit := unit_of_angles(model)):
+        raise CommandError(
+            f"--radians: {model.name} counts angles in {unit}s; valid: with an MJCF that tells no unit"
+        )
     folder = None if meshes is None else _beside(meshes, target, what="folder of meshes")
     source = NO_MESHES if without_meshes else None if meshes is None else str(meshes.resolve())
     pads = find_pads(model, meshes=source, radians=radians)

@@ -110,8 +110,8 @@ class LightGrasp(Capability[Grips]):
     a held object leaves the palm."""
     speed: float = 0.3
     """Speed [rad/s] of the flexion until a finger presses. After one has felt n times `force`, all close
-    n times slower until the hand opens. Assumed: a faster finger would press too much before its skin measures the
-    contact."""
+    n times slower until the hand opens. Assumed: a faster finger would press too much before its skin
+    measures the contact."""
     gain: float = 0.05
     """Speed of a pressing finger, divided by the missing force [rad/s per N]. The missing force is `force`
     minus the measured force. A finger that bounces off closes with half of it, and so on; it opens with all

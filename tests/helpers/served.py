@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import atexit
 import os
 import re
 import subprocess
 import sys
 from collections.abc import Sequence
-from functools import cache
 from importlib.util import find_spec
 
 import pytest
@@ -62,11 +60,3 @@ class Served:
         """Ends the process with SIGKILL."""
         self.process.kill()
         self.process.communicate()
-
-
-@cache
-def served(robot: str, via: str) -> Served:
-    """Returns a process that all tests of a run share until one test ends the process."""
-    one = Served(robot, via)
-    atexit.register(one.kill)
-    return one

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from helpers.served import Served, needs_qi, served
+from helpers.served import Served, needs_qi
 from helpers.still_nao import StillNao
 from tci.robot.catalogue import load_robot
 
@@ -50,9 +50,11 @@ def session_with(port: int) -> Any:
 @pytest.fixture(scope="module")
 def session() -> Iterator[Any]:
     needs_qi()
-    one = session_with(served("nao", "naoqi:127.0.0.1:0").port)
-    yield one
-    one.close()
+    one = Served("nao", "naoqi:127.0.0.1:0")
+    found = session_with(one.port)
+    yield found
+    found.close()
+    one.kill()
 
 
 @pytest.mark.xdist_group("served nao")

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from mujoco.minimize import least_squares
 
 from tci.errors import TciError
 from tci.messages.frames import Array, apply, invert, read_only
@@ -60,9 +61,6 @@ def fit_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom = "n
     Raises TciError if there are fewer than 6 taxels, or if all taxels lie in one plane perpendicular to the
     axis.
     """
-    # This import needs 11 MB of memory, and most programs never fit a cone.
-    from scipy.optimize import least_squares
-
     positions = np.asarray(positions, dtype=np.float64)
     if positions.ndim != 2 or positions.shape[1] != 3 or len(positions) < 6:
         raise TciError(f"a cone needs positions (n, 3) of at least 6 taxels; got shape {positions.shape}")
@@ -80,11 +78,14 @@ def fit_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom = "n
         along, distance = _along_and_distance(positions, *line(shift))
         return distance - _radii(along, distance)(along)
 
-    shift = np.zeros(2)
+    def errors_of(shifts: Array) -> Array:
+        return np.transpose([error(shift) for shift in shifts.T])
+
+    shift, scale = np.zeros(2), np.array([0.01, 0.01, 0.1, 0.1])
     if free != "none":
-        shift = least_squares(error, shift, x_scale=0.01).x
+        shift, _ = least_squares(shift, errors_of, x_scale=scale[:2], verbose=0)
     if free == "axis":
-        shift = least_squares(error, np.append(shift, (0.0, 0.0)), x_scale=[0.01, 0.01, 0.1, 0.1]).x
+        shift, _ = least_squares(np.append(shift, (0.0, 0.0)), errors_of, x_scale=scale, verbose=0)
     point, axis = line(shift)
     along, distance = _along_and_distance(positions, point, axis)
     first, last = float(along.min()), float(along.max())

@@ -7,7 +7,6 @@ import warnings
 import numpy as np
 from lxml import etree
 from lxml.builder import E
-from scipy.spatial.transform import Rotation
 
 from tci.errors import DescriptionError, Fault
 from tci.exports.tree import KinematicLink, links_of
@@ -97,6 +96,9 @@ def _joint(robot: Robot, link: KinematicLink, parent: str) -> etree._Element:
 
 
 def _origin(pose: Array) -> etree._Element:
+    # A tenth of the start of a served robot, which writes no URDF.
+    from scipy.spatial.transform import Rotation
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # at gimbal lock several results are equally valid
         rpy = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz")

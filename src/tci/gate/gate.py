@@ -411,7 +411,7 @@ class Gate:
             # also in the state STOP: a joint must not be braked on the basis of wrong data
             monitor = self._monitor
             if monitor is not None and (
-                fault := monitor.step(joints, self._reference, self._motion.unanswered, excused=self._blocked)
+                fault := monitor.step(joints, self._reference, self._motion.unanswered, excused=self._excused)
             ):
                 self.stop(fault)
             self._motion.see(joints, now, believed=monitor is None or not monitor.misled)
@@ -454,6 +454,11 @@ class Gate:
     def _blocked(self) -> frozenset[int]:
         """Servos that a contact moves now."""
         return frozenset() if self._contact is None else self._contact.blocked
+
+    @property
+    def _excused(self) -> frozenset[int]:
+        """Servos that a contact moves, or that somebody leads, now: they need not follow."""
+        return self._blocked if self._contact is None else self._blocked | self._contact.led
 
     def _expect(self, order: PlatformOrder, now: float) -> None:
         """Notes a capability's declaration. Raises CommandError if it is invalid."""

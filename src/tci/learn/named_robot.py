@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from tci.body.generic_body import GenericBody
-from tci.capabilities.teach.capability import GUIDED, LEAD
+from tci.capabilities.teach.capability import LEAD
 from tci.capabilities.teach.guide import Feel, guided
 from tci.capabilities.teach.limb import Limb, limbs_of
 from tci.drivers.driver import Driver
@@ -274,7 +274,7 @@ class NamedRobot:
         for part in own:
             pushed, target[part] = self._guide(part, seen)
             if pushed:
-                expected.append(ExpectContact(part, GUIDED))
+                expected.append(ExpectContact(part, self._most))
         self._expected = tuple(expected)
         return self._names.angles(target)
 

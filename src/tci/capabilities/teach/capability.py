@@ -49,9 +49,6 @@ EASE = 0.15
 FREE = 1.0
 """Time [s] without touch after which a limb that was pressed too hard is its own again: a withdrawal has come
 to its end."""
-GUIDED = 65.0
-"""Contact [N] that it declares for a guided arm. Above `Teach.most` it gives the arm away, but the gate's own
-answer, the way back, would lead into the hand that pushes: with 72 N in place of 15 at a joint's limit."""
 FOLLOWS = float(np.deg2rad(0.5))
 """Angle [rad] by which a soft limb was led when its target goes along."""
 
@@ -114,9 +111,7 @@ class Teach(Capability[Taught]):
     feel: Feel = field(default_factory=Feel)
     """What a guided arm feels like."""
     most: float = 15.0
-    """Force [N] of one contact up to which it handles it. A guided arm that is pressed harder is
-    answered by the layer below alone, up to `GUIDED`, for the half second in which an `ExpectContact`
-    expires."""
+    """Force [N] of one contact up to which it handles it."""
     softness: float = 0.2
     """Stiffness of a held limb that has only switches, as a fraction of full stiffness (as `SoftHands`)."""
     approach: float = 0.15
@@ -241,8 +236,7 @@ class Teach(Capability[Taught]):
         else:
             back = STIFFLY * (target - here)
             after = read_only(rates + back * min(1.0, speed / max(float(np.abs(back).max()), 1e-9)))
-        expected = self.most if plays else GUIDED
-        orders = GenericCommand(name, Mode.VELOCITY, after), ExpectContact(name, expected)
+        orders = GenericCommand(name, Mode.VELOCITY, after), ExpectContact(name, self.most)
         return orders, replace(limb, rest=rest, rates=after if limb.touched else read_only(0.0 * after))
 
     def _lead(

@@ -81,11 +81,9 @@ class Between:
 
     def _way(self, seen: Seen, pull: Array, contacts: Iterable[Contact]) -> Array:
         """The least way (k,) [rad] by which each contact's place goes in as far as it is pressed in."""
-        assert self._chain is not None
         rows, depths = [np.zeros(len(seen.servos))], [0.0]
         for one in contacts:
-            moved = self._chain.jacobian(seen.joints.position, self._links[one.patch], point=one.p_L)[:3]
-            rows.append(np.where(seen.own, one.n_T @ moved[:, seen.servos], 0.0))
+            rows.append(self._into(seen, one))
             depths.append(one.force / STIFF + ROOM)
         into = np.array(rows)
         square = into @ into.T + SHORT**2 * np.eye(len(rows))
@@ -93,3 +91,29 @@ class Between:
         stuck = SOFT * FRICTION  # dry friction holds a joint whose reference is not further ahead
         way += np.where(pull * way > 0.0, np.clip(pull, -stuck, stuck), 0.0)
         return np.clip(way, -FURTHER, FURTHER)
+
+    def _into(self, seen: Seen, contact: Contact) -> Array:
+        """How far [m/rad] a place of the skin goes into whoever touches it, by each joint (k,)."""
+        assert self._chain is not None
+        moved = self._chain.jacobian(seen.joints.position, self._links[contact.patch], point=contact.p_L)[:3]
+        found: Array = np.where(seen.own, contact.n_T @ moved[:, seen.servos], 0.0)
+        return found
+
+    def leads(self, group: Group, seen: Seen, contacts: Iterable[Contact]) -> bool:
+        """True if whoever presses a group most stands where it came from: its way back would not leave them,
+        or press them."""
+        into = self._into_strongest(group, seen, contacts)
+        return bool(into.any() and into @ group.path.came(seen.here, seen.own) > -ROOM)
+
+    def speed_into(self, group: Group, seen: Seen, contacts: Iterable[Contact]) -> float:
+        """Speed [m/s] with which a group's reference goes into whoever presses it most."""
+        rates = np.zeros(len(seen.joints.position))
+        rates[seen.reference.servos] = seen.reference.velocity
+        return float(self._into_strongest(group, seen, contacts) @ rates[seen.servos])
+
+    def _into_strongest(self, group: Group, seen: Seen, contacts: Iterable[Contact]) -> Array:
+        """As `_into`, of a group's strongest contact; zeros without one."""
+        mine = [one for one in contacts if one.part in group.parts]
+        if self._chain is None or not mine:
+            return np.zeros(len(seen.servos))
+        return self._into(seen, max(mine, key=lambda one: one.force))

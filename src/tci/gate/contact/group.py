@@ -79,6 +79,9 @@ class Group:
     """Force [N] that a capability handles itself."""
     until: float = -np.inf
     """How long it does [s]."""
+    led: int | None = None
+    """Identity of the contact that leads it, harder than a capability handles: it gives way to that one as
+    long as it is the strongest."""
     slow: bool = False
     """It is freed on an operator's word."""
 

@@ -45,8 +45,19 @@ class Path:
         the servos `own` (k,) count. The path is used up to there. Else the posture that is farthest away, or
         here: never nearer to what joints push, so one that somebody pushed off its way stays where it was
         pushed."""
-        pulled = pull.any()
-        path = list(self._postures)
+        best, last = self._find(here, before, own, pull)
+        self._postures = deque(list(self._postures)[:last])
+        yields: Array = np.where(pull > 0.0, np.minimum(best, here), np.maximum(best, here))
+        return np.where(pull == 0.0, best, yields)
+
+    def came(self, here: Array, own: NDArray[np.bool_]) -> Array:
+        """The way (k,) [rad] from `here` to where the servos `own` (k,) came from."""
+        way: Array = self._find(here, np.inf, own, np.zeros(len(here)))[0] - here
+        return way
+
+    def _find(self, here: Array, before: float, own: NDArray[np.bool_], pull: Array) -> tuple[Array, int]:
+        """Where a way back ends, and its number in the path."""
+        path, pulled = list(self._postures), pull.any()
         best, most, last = here.copy(), 0.0, len(path)
         for number in reversed(range(len(path))):
             stamp, posture = path[number]
@@ -56,6 +67,4 @@ class Path:
                 best, most, last = posture, away, number
                 if stamp <= before and away >= FURTHER:
                     break
-        self._postures = deque(path[:last])
-        yields: Array = np.where(pull > 0.0, np.minimum(best, here), np.maximum(best, here))
-        return np.where(pull == 0.0, best, yields)
+        return best, last

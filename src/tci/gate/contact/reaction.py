@@ -62,6 +62,8 @@ EXPECTED_FOR = 0.5
 nothing."""
 MOVES = float(np.deg2rad(2.0))
 """Speed [rad/s] above which a reference moves a part, and so may have made a force."""
+CREEPS = 5e-3
+"""Speed [m/s] into whoever leads a part from which on they lead it no more."""
 STILL = 0.5
 """Fraction of the torque that counts from which on a joint still presses after a way back: twice what dry
 friction is that turned."""
@@ -94,6 +96,8 @@ class ContactReaction:
         self._freeing = False
         self.blocked: frozenset[int] = frozenset()
         """Servos that obey nobody else now."""
+        self.led: frozenset[int] = frozenset()
+        """Servos that somebody leads, harder than a capability handles: they need not follow now."""
         self.reason: Reason | None = None
         """Why the gate must stop: a part met something too often."""
         self.met: tuple[Met, ...] = ()
@@ -177,7 +181,7 @@ class ContactReaction:
 
     def forget(self) -> None:
         """Forgets paths and reactions, since the servos are under command no more."""
-        self.blocked, self.reason, self.met = frozenset(), None, ()
+        self.blocked, self.led, self.reason, self.met = frozenset(), frozenset(), None, ()
         self._soles = []
         for group in self._groups.values():
             group.goal, group.slow, group.expected = None, False, 0.0
@@ -231,7 +235,7 @@ class ContactReaction:
         if not (self.blocked or felt or freeing or loose) and self._following.near(joints, reference):
             self._walk_all(joints, reference)
             self._following.learn(joints, reference)
-            self.met = ()
+            self.met, self.led = (), frozenset()
             return [], []
         error = self._following.error(joints, reference)
         ways: list[Way] = []
@@ -284,6 +288,12 @@ class ContactReaction:
         self.blocked = frozenset(
             int(s) for one in self._groups.values() if one.goal is not None for s in one.servos
         )
+        self.led = frozenset(
+            int(s)
+            for one in self._groups.values()
+            if one.led is not None and one.softness.soft
+            for s in one.servos
+        )
         return ways, told
 
     def _more(self, seen: Seen) -> str:
@@ -297,6 +307,9 @@ class ContactReaction:
         noticing = group.noticing
         noticing.look(seen, self._settings, moves=self._moves_now(group))
         allowed = group.expected if self._now < group.until else 0.0
+        if not freeing and self._led(group, seen, allowed):
+            away = not group.softness.soft and self._into(group, seen) < 0.0
+            return self._soften(group, seen, allowed, moves=away), None
         expected = LIGHT < seen.felt.force <= allowed
         pulled, what = False, f"{seen.felt.force:.0f} N on its skin"
         if noticing.sure and self._moves(group) and not expected:
@@ -313,17 +326,7 @@ class ContactReaction:
         elif freeing and (noticing.held or seen.felt.force > LIGHT):
             before, pulled, group.slow = np.inf, noticing.held, True
         else:
-            group.path.walk(seen.here, seen.joints.stamp)
-            if group.waist and self._soles:  # whoever pushes it, or a load, would make it lean
-                group.softness.soft = False
-                return None, None
-            reference, most = self._references(group, seen), max(self._settings.felt, allowed)
-            goal = group.softness.step(
-                seen.here, reference, seen.felt.force, most=most, held=self._settings.held,
-                moves=self._moves(group), moved=group.moved, bent=noticing.sure and noticing.held,
-                rests=self._rests(group), now=self._now,
-            )  # fmt: skip
-            return goal, None
+            return self._soften(group, seen, allowed, moves=self._moves(group)), None
         group.sag, group.before, group.push = Sag(), self._bearing.before, seen.push
         stands = group.waist and bool(self._soles)
         group.answer = "stop" if stands else group.wanted
@@ -341,6 +344,34 @@ class ContactReaction:
         self._begin(group, goal)
         does = DOES["stop" if group.thing else group.answer]
         return goal, Reason(Code.CONTACT, f"{group.name} met {group.thing or 'something'}: {what}; it {does}")
+
+    def _led(self, group: Group, seen: Seen, allowed: float) -> bool:
+        """True if somebody leads a group whose contact a capability handles, harder than that, up to
+        `allowed` [N]: a way back would lead into them."""
+        handled = self._now < group.until or (group.led is not None and group.softness.soft)
+        if not handled or seen.felt.force <= max(self._settings.felt, allowed):
+            return False
+        strongest = max(seen.felt.contacts, key=lambda one: seen.felt.contacts[one].force)
+        if group.led != strongest or self._into(group, seen) > CREEPS:
+            leads = self._between.leads(group, seen, self._contacts or ())
+            group.led = strongest if leads else None
+        return group.led is not None
+
+    def _into(self, group: Group, seen: Seen) -> float:
+        return self._between.speed_into(group, seen, self._contacts or ())
+
+    def _soften(self, group: Group, seen: Seen, allowed: float, *, moves: bool) -> Array | None:
+        """Where the reference of a group goes that somebody presses, if it gives way."""
+        group.path.walk(seen.here, seen.joints.stamp)
+        if group.waist and self._soles:  # whoever pushes it, or a load, would make it lean
+            group.softness.soft = False
+            return None
+        noticing = group.noticing
+        return group.softness.step(
+            seen.here, self._references(group, seen), seen.felt.force,
+            most=max(self._settings.felt, allowed), held=self._settings.held, moves=moves,
+            moved=group.moved, bent=noticing.sure and noticing.held, rests=self._rests(group), now=self._now,
+        )  # fmt: skip
 
     def _tips(self, group: Group, seen: Seen, goal: Array) -> bool:
         """True if a standing robot would not stand any more with the group at `goal` (k,) [rad]."""

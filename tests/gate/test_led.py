@@ -1,0 +1,122 @@
+"""An arm whose contact a capability handles, and that somebody pushes harder than that."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from helpers.gate_checks import reading
+from tci.body.generic_body import order_to_platform
+from tci.gate.contact.settings import ContactSettings
+from tci.gate.gate import Gate, GateSettings, GateState
+from tci.messages import ExpectContact, GenericCommand, Mode, Order, SwitchMode
+from tci.messages.frames import Array
+from tci.robot.joint_map import initial_position, joint_map
+from tci.testing import TouchedRobot
+
+PERIOD = 0.01
+HANDLED, HARD = 15.0, 25.0
+"""Forces [N]: what the capability handles, and what somebody pushes with later."""
+SPEED = 0.1
+"""Speed [m/s] of the touched place while it is guided, and of the hand that pushes it on."""
+
+
+class Pushed:
+    """A NAO's left arm that follows at once, and a hand on its forearm."""
+
+    def __init__(self) -> None:
+        self.skin = TouchedRobot("nao")
+        self.robot, self.now = self.skin.robot, 0.0
+        self.gate = Gate(
+            self.robot, period=PERIOD, stale_after=0.05, streams=True,
+            settings=GateSettings(contact=ContactSettings()),
+        )  # fmt: skip
+        self.joints = joint_map(self.robot, "left_arm")
+        self.angles = np.array(initial_position(self.robot))
+        first = TouchedRobot("nao")
+        seen = first.perceive("left_forearm", force=5.0)
+        (contact,) = seen.contacts
+        into = first.body.jacobian(seen, contact).T @ contact.n_T
+        self.way: Array = into / float(into @ into)
+        """Way (5,) [rad/m] of the arm by which the touched place goes into the hand."""
+        self.into: Array = into
+        self.answers: list[str] = []
+
+    @property
+    def here(self) -> float:
+        """How far into the hand the place is [m], from where it began."""
+        begun = self.joints.to_generic(np.array(initial_position(self.robot)))
+        return float(self.into @ (self.joints.to_generic(self.angles) - begun))
+
+    def step(self, force: float, asked: float | None = None, pushed: float = 0.0) -> float:
+        """One period with a `force` [N]. A capability that handles the contact asks for the speed `asked`
+        [m/s] into the hand, and the hand pushes the place on by `pushed` [m].
+
+        Returns how far into the hand the arm's reference is, from where its joints are [m].
+        """
+        seen = self.skin.perceive("left_forearm" if force else None, force=force)
+        orders: list[Order] = [] if self.now else [SwitchMode("left_arm", Mode.VELOCITY)]
+        if asked is not None:
+            command = GenericCommand("left_arm", Mode.VELOCITY, asked * self.way)
+            orders += [command, ExpectContact("left_arm", HANDLED)]
+        sent = [order_to_platform(self.robot, one, self.angles) for one in orders]
+        safe = self.gate.step(sent, reading(self.angles, self.now), self.now, contacts=seen.contacts)
+        self.answers += [one.answer for one in safe.met if one.part == "left_arm"]
+        reference = self.angles.copy()
+        reference[safe.servos] = safe.position
+        ahead = self.joints.to_generic(reference) - self.joints.to_generic(self.angles)
+        self.angles = reference
+        if pushed:
+            led = self.joints.to_generic(self.angles) - pushed * self.way
+            self.angles[self.joints.servos] = self.joints.to_robot(led, self.angles)
+        self.now += PERIOD
+        return float(self.into @ ahead)
+
+
+def test_whoever_leads_an_arm_too_hard_is_given_way_to_and_never_pushed_back() -> None:
+    arm = Pushed()
+    for _ in range(5):
+        arm.step(0.0)
+    for _ in range(40):
+        arm.step(8.0, asked=-SPEED)
+    led = arm.here
+    assert led < -0.02
+    most = max(arm.step(HARD, pushed=SPEED * PERIOD) for _ in range(40))
+    assert most < 1.5 * SPEED * PERIOD, "its reference is at most a period behind the hand"
+    assert arm.here < led - 0.02, "it went on with the hand"
+    assert set(arm.answers[-20:]) == {"soft"}
+    end = arm.here
+    for _ in range(150):
+        arm.step(0.0)
+    assert abs(arm.here - end) < 3e-3, "and stays where it was let go"
+    assert arm.gate.state is GateState.RUN
+
+
+def test_an_arm_that_went_into_somebody_goes_back_as_ever() -> None:
+    """Also if a capability declared the contact: nobody led it there."""
+    arm = Pushed()
+    for _ in range(5):
+        arm.step(0.0)
+    for _ in range(40):
+        arm.step(8.0, asked=SPEED)
+    went = arm.here
+    assert went > 0.02
+    for _ in range(60):
+        arm.step(HARD)
+    assert "retreat" in arm.answers
+    assert arm.here < went - 5e-3
+
+
+def test_an_arm_that_was_led_and_then_goes_into_the_same_hand_goes_back() -> None:
+    arm = Pushed()
+    for _ in range(5):
+        arm.step(0.0)
+    for _ in range(40):
+        arm.step(8.0, asked=-SPEED)
+    for _ in range(20):
+        arm.step(HARD, pushed=SPEED * PERIOD)
+    assert "soft" in arm.answers
+    for _ in range(60):
+        arm.step(8.0, asked=SPEED)
+    for _ in range(10):
+        arm.step(HARD, asked=SPEED)
+    assert arm.answers[-1] == "retreat"

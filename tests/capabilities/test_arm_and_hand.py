@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import tci
+from helpers.taught import off
 from tci.capabilities import FingerReflex, Sway
 from tci.lab.authoring.proposal import propose
 from tci.lab.experiments.experiment import trials_of
@@ -99,3 +100,20 @@ def test_a_gentle_arm_gives_way_to_a_push() -> None:
     """A first peak is at most 27 N (docs/gentle.md)."""
     rows = felt("franka", "push 'left forearm'", tci.Gentle(Sway()), 1.5)
     assert 5.0 < rows[:, 1].max() <= 27.0
+
+
+def test_a_finger_of_a_lone_hand_is_guided_and_repeats_it() -> None:
+    path: list[tuple[float, np.ndarray]] = []
+    with tci.connect("allegro", "sim", people=1) as driver:
+        world = driver.world
+        world.touch(["push 'right_index_tip taxel 45' 4N 0.9s @0.3s", "tap 'palm of right hand' 2N @1.9s"])
+
+        def see(tick: Tick) -> None:
+            path.append((tick.now, np.array(world.joints().position)))
+
+        result = tci.run(driver, tci.Teach(), duration=5.0, observe=see)
+    assert result.state.name == "RUN"
+    assert result.memory.motion is not None, "a tap on the palm ends the lesson"
+    led = [one for one in path if 0.3 < one[0] < 1.5]
+    assert np.degrees(np.ptp([angles[1] for _, angles in led])) > 10.0, "the index finger bends"
+    assert off(led, [one for one in path if one[0] > 2.5])[0] <= 2.0

@@ -296,13 +296,13 @@ def guide(
         return None
     taught = [(t, a) for t, a in path if hand.first <= t <= hand.first + hand.lasts + 0.1]
     later = [(t, a) for t, a in path if tap.times and t > tap.times[0] + 0.3]
-    off, led, repeated = _off(taught, later)
+    apart, led, repeated = off(taught, later)
     motion = getattr(result.memory, "motion", None)
     gesture = None if motion is None else motion.gesture(tci.GenericBody(robot))
     return Outcome(
         name, patch, rate, pad, min(until, hand.lasts) - MEASURED, float(np.median(measured)),
         float(np.percentile(measured, 95)), float((measured > 0.1).mean()),
-        float(forces[(times >= 0.0) & (times <= until)].max()), tap.felt, off, result.state.name,
+        float(forces[(times >= 0.0) & (times <= until)].max()), tap.felt, apart, result.state.name,
         ended[0][1] if ended else "", (times, forces), led, repeated, gesture,
     )  # fmt: skip
 
@@ -390,7 +390,7 @@ def _directions(gesture: Gesture, name: str) -> dict[str, Array]:
 Path = tuple[Array, Array]
 
 
-def _off(taught: list[tuple[float, Array]], later: list[tuple[float, Array]]) -> tuple[float, Path, Path]:
+def off(taught: list[tuple[float, Array]], later: list[tuple[float, Array]]) -> tuple[float, Path, Path]:
     """Angle [deg], r.m.s., between the taught path and the part of the later one that fits best; and both."""
     times, path = np.array([t for t, _ in taught]), np.array([a for _, a in taught])
     seen, found = np.array([t for t, _ in later]), np.array([a for _, a in later])
@@ -399,7 +399,7 @@ def _off(taught: list[tuple[float, Array]], later: list[tuple[float, Array]]) ->
     begins = np.arange(seen[0], max(seen[-1] - times[-1], seen[0]) + 1e-9, 0.02) if len(seen) else ()
     for begin in begins:
         there = np.column_stack([np.interp(times + begin, seen, column) for column in found.T])
-        off = float(np.sqrt(((there - path) ** 2).mean(axis=0)).max())
-        if off < best:
-            best, at = off, there
+        apart = float(np.sqrt(((there - path) ** 2).mean(axis=0)).max())
+        if apart < best:
+            best, at = apart, there
     return float(np.degrees(best)), (times, path), (times, at)

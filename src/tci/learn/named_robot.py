@@ -282,7 +282,7 @@ class NamedRobot:
         """Whether hands push a part, and where it goes (n,) [rad]."""
         here = seen.posture[part]
         state = self._guided.setdefault(part, Guided(self._limbs[part], np.zeros(len(here)), here))
-        pushes = [one for one in seen.contacts if one.part in state.limb.parts]
+        pushes = [one for one in seen.contacts if one.patch in state.limb.patches]
         if any(one.force > self._most for one in pushes):
             state.rates, state.rest = np.zeros(len(here)), here
             return True, here

@@ -1,4 +1,4 @@
-"""An arm on its way gives way to a person: what it presses with has a cap, and then it goes on.
+"""A limb on its way gives way to a person: what it presses with has a cap, and then it goes on.
 
 Admittance per contact (Hogan 1985): into what touches it, a point of the skin moves with at most
 (cap - force) / D, so it goes away above the cap and on below. D = 2 k T keeps the loop stable, with the delay
@@ -20,6 +20,7 @@ from tci.body import GenericBody
 from tci.body.generic_body import slowed
 from tci.capabilities.capability import Capability, Memory
 from tci.capabilities.gentle.load import Load, bear
+from tci.capabilities.limbs import limbs
 from tci.capabilities.needs import Need
 from tci.capabilities.sway import Sway
 from tci.capabilities.wrapper import CapabilityWrapper
@@ -134,9 +135,10 @@ class GentleMemory(Generic[Memory]):
 
 @dataclass(frozen=True)
 class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
-    """Runs a capability that moves arms in position mode, and lets the arms give way to whoever they meet.
+    """Runs a capability that moves limbs in position mode, and lets them give way to whoever they meet: arms,
+    and the fingers of a hand that no arm carries.
 
-    The arms move in velocity mode, slowly, since an arm can't be gentle with what it has struck. It declares
+    They move in velocity mode, slowly, since a limb can't be gentle with what it has struck. It declares
     the contact that it handles (`ExpectContact`), so the gate answers only above that. Raises TciError for a
     setting out of range.
     """
@@ -151,7 +153,8 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
     met: at double of it, 75 N/mm are struck with 60 to 440 N."""
     delay: float = 0.05
     """Time [s] from a force to the motion that answers it: a frame of skin at 50 Hz, a reading, a servo."""
-    parts: Sequence[str] = ("left_arm", "right_arm")
+    parts: Sequence[str] = ()
+    """Names of the limbs that give way; all of them if empty."""
 
     def __post_init__(self) -> None:
         for name, least, most in (("cap", 1.0, 30.0), ("speed", 1e-3, 1.0), ("delay", 5e-3, 0.5)):
@@ -161,7 +164,10 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
 
     @property
     def needs(self) -> tuple[Need, ...]:
-        return (*super().needs, Need(f"skin on {' or '.join(self.parts)}", tuple(self.parts)))
+        own = tuple(self.parts)
+        if not own:
+            return (*super().needs, Need("skin on an arm or on fingers", ("arm", "fingers")))
+        return (*super().needs, Need(f"skin on {' or '.join(own)}", own))
 
     def inner_memory(self, memory: GentleMemory[Memory]) -> Memory:
         return memory.inner
@@ -174,7 +180,7 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
         """The capability's own first orders, and the switch of the arms to velocity mode."""
-        arms = [part for part in self.parts if part in perception.posture and body.has_joint(part).any()]
+        arms = self._limbs(body)
         first = [one for one in super().begin(perception, body) if getattr(one, "part", "") not in arms]
         return (*first, *(SwitchMode(part, Mode.VELOCITY) for part in arms))
 
@@ -183,11 +189,11 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
     ) -> tuple[tuple[Order, ...], GentleMemory[Memory]]:
         """Raises CommandError if the capability commands an arm in another way than by positions."""
         given, memory = super().step(memory, perception, body)
-        targets, orders = dict(memory.targets), list[Order]()
+        targets, orders, own = dict(memory.targets), list[Order](), self._limbs(body)
         for order in given:
             if not isinstance(order, Command):
                 raise CommandError("gentle: a command in the robot's own joints; valid: to generic parts")
-            if order.part not in self.parts:
+            if order.part not in own:
                 orders.append(order)
             elif isinstance(order, GenericCommand) and order.mode is Mode.POSITION:
                 targets[order.part] = order
@@ -199,14 +205,14 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
         met, rates, loads, said = dict(memory.met), dict(memory.rates), dict(memory.loads), []
         for part, target in targets.items():
             loads[part] = bear(loads.get(part), perception, body, part, delay=self.delay, elapsed=elapsed)
-            own = _pushes(part, loads[part], perception, body)
-            after = self._meet(met.get(part), own, part, rates.get(part), elapsed, perception, body)
+            pushes = _pushes(part, loads[part], perception, body)
+            after = self._meet(met.get(part), pushes, part, rates.get(part), elapsed, perception, body)
             if after is not None:
                 met[part] = after
-            move, expect = self._move(part, target, own, after, perception, body)
+            move, expect = self._move(part, target, pushes, after, perception, body)
             orders += [move, expect]
             rates[part] = move.values
-            pressed = max((one.force for one in own), default=0.0)
+            pressed = max((one.force for one in pushes), default=0.0)
             if pressed > 0.5 * self.cap:
                 said.append(
                     f"{part} gives way: {pressed:.0f} N are on it, and it presses with {self.cap:g} N"
@@ -228,6 +234,10 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
 
     def notes(self, memory: GentleMemory[Memory]) -> tuple[str, ...]:
         return (*super().notes(memory), *memory.said)
+
+    def _limbs(self, body: GenericBody) -> tuple[str, ...]:
+        known = limbs(body)
+        return tuple(part for part in known if part in self.parts) if self.parts else known
 
     def _meet(
         self, met: Partner | None, own: list[Push], part: str, rates: Array | None, elapsed: float,
@@ -311,7 +321,7 @@ def _pushes(part: str, load: Load | None, perception: Perception, body: GenericB
     found = [
         Push(one.force, body.jacobian(perception, one).T @ one.n_T, one.sequence)
         for one in perception.contacts
-        if one.part == part
+        if one.part == part and one.patch in body.carried(part)
     ]
     if load is None or not load.more.any():
         return found
@@ -386,4 +396,4 @@ def _coming(frames: Array, stiffness: float) -> float:
 
 
 GENTLE_SWAY = Gentle(Sway())
-"""Both arms sway, and give way to whoever they meet: `tci run gentle nao --touch "push 'left forearm'"`."""
+"""All limbs sway, and give way to whoever they meet: `tci run gentle nao --touch "push 'left forearm'"`."""

@@ -172,12 +172,14 @@ class Teach(Capability[Taught]):
         return memory.said
 
     def _pushed(self, memory: Taught, perception: Perception) -> dict[str, list[Contact]]:
-        """The contacts by limb or other part, also the lightest, to which a reflex below may answer."""
-        limb_of = {part: name for name, limb in memory.limbs.items() for part in limb.parts}
+        """The contacts by limb, or by other part or patch, also the lightest, to which a reflex below may
+        answer."""
+        limb_of = {patch: name for name, limb in memory.limbs.items() for patch in limb.patches}
         found: dict[str, list[Contact]] = {name: [] for name in memory.limbs}
         for one in perception.contacts:
             if one.segment != SOLE:
-                found.setdefault(limb_of.get(one.part, one.part), []).append(one)
+                other = one.patch if one.part in memory.limbs else one.part
+                found.setdefault(limb_of.get(one.patch, other), []).append(one)
         return found
 
     def _feel(self, memory: Taught, pushed: Mapping[str, list[Contact]], perception: Perception) -> Taught:

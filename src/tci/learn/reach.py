@@ -4,7 +4,6 @@ Jain et al. 2013, doi:10.1177/0278364912471865)."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -13,33 +12,16 @@ from tci.capabilities.capability import Capability
 from tci.capabilities.policy.observations import Observation, View
 from tci.capabilities.policy.spec import PolicySpec
 from tci.errors import TciError
-from tci.gate.self_collision import SelfCollision
+from tci.learn.pole_field import POLES, field
 from tci.learn.task import Scene, TouchTask, nothing
 from tci.messages import Command, Contact, GenericCommand, Mode, Perception, SwitchMode
-from tci.messages.frames import Array, apply, read_only
+from tci.messages.frames import Array, read_only
 from tci.robot.joint_map import joint_map
-from tci.simulation.obstacle import Obstacle
 
-RADIUS, HALF, STIFFNESS = 0.01, 0.1, 1500.0
-"""Poles: radius [m], half length [m], and stiffness [N/m], like a bamboo stick. Assumed."""
-POLES = tuple(Obstacle(name=f"pole {n}", stiffness=STIFFNESS, radius=RADIUS, half=HALF) for n in range(6))
-FEWEST = 2
-"""Poles in a field, at least."""
-FAR = 0.5
-"""Distance [arm lengths] of the place from the hand, at least."""
 NEAR = 0.1
 """Distance [arm lengths] at which the hand has reached its place."""
 LOAD = 10.0
 """Force [N] on the skin above which a reach is not gentle: what a shoulder is touched with in passing."""
-SPREAD = 1.0
-"""Largest angle [rad] of each servo between the initial posture and that at the place."""
-ASIDE = 0.025
-"""Standard deviation [m] of poles from the way of the skin: many are brushed, few bar it."""
-CLEAR = 0.008
-"""Distance [m] from each pole to the skin at the beginning and at the place; there no link touches it either.
-"""
-BARE = 0.1
-"""Distance [arm lengths] from each pole to the way of hand and elbow, where no skin feels it."""
 LATEST = 5
 """Torques of which the median counts, since a change of speed takes a torque in one period or two."""
 SMOOTH = 0.1
@@ -47,8 +29,12 @@ SMOOTH = 0.1
 STARTS = 1.0
 """Acceleration [rad/s2] with which a robot that listens to torques starts: without a bound it takes its own
 inertia for a pole."""
-SHARES = np.linspace(0.0, 1.0, 9)
-_collisions = lru_cache(maxsize=8)(SelfCollision)
+QUICKER = 3.0
+"""Factor, at most, by which the way along what is met is quicker than its share of the straight way: without
+it an arm creeps where it slides nearly across its way, and a larger one answers to noise."""
+FRICTION = 1.0
+"""Coefficient of friction, at most, of what is felt: torques tell of the friction, skin does not, and who
+takes it for a push that no skin feels comes to rest instead of sliding. Assumed."""
 
 
 def hand(view: View) -> Array:
@@ -142,7 +128,9 @@ class ReachThrough(Capability[Reaching | None]):
             into.append(-self.lever * unfelt / size)
             most.append((self.cap - size / self.lever) / self.damping)
         if into:
-            want = slowed(want, np.array(into), most)
+            along = slowed(want, np.array(into), most)
+            quicker = min(QUICKER, self.speed / max(float(np.abs(along).sum()) * length, 1e-9))
+            want = slowed(max(quicker, 1.0) * along, np.array(into), most)
         if memory.rest.size:
             faster = np.where(want * memory.rates < 0.0, 0.0, np.abs(memory.rates)) + STARTS * elapsed
             want = np.clip(want, -faster, faster)
@@ -165,7 +153,12 @@ class ReachThrough(Capability[Reaching | None]):
         torques = (*memory.torques, self._torques(perception, body))[-LATEST:]
         unfelt = memory.rest - np.median(torques, axis=0)
         for one in felt:
-            unfelt = unfelt - body.jacobian(perception, one).T @ one.f_T
+            jacobian = body.jacobian(perception, one)
+            unfelt = unfelt - jacobian.T @ one.f_T
+            across = (np.eye(3) - np.outer(one.n_T, one.n_T)) @ jacobian
+            rubs = np.linalg.lstsq(across.T, unfelt, rcond=1e-6)[0]
+            most = FRICTION * one.force
+            unfelt = unfelt - across.T @ rubs * min(1.0, most / max(float(np.linalg.norm(rubs)), 1e-9))
         share = 1.0 - np.exp(-elapsed / SMOOTH)
         return replace(memory, torques=torques, unfelt=memory.unfelt + share * (unfelt - memory.unfelt))
 
@@ -189,86 +182,6 @@ class ReachThrough(Capability[Reaching | None]):
 
     def claims(self, memory: Reaching | None) -> frozenset[str]:
         return frozenset({self.part})
-
-
-def field(scene: Scene) -> Array:
-    """Draws a place (3,) for the hand, in the unit of Cartesian commands, and poles near the way there."""
-    position = scene.world.joints().position
-    reach = scene.body.reach(scene.part)
-    start = reach.place(position)
-    for _ in range(300):
-        there = _drawn(scene, position)
-        goal = reach.place(there)
-        far = np.linalg.norm(goal - start) > FAR
-        if far and _collisions(scene.robot).fault(np.stack([position, there])) is None:
-            placed = _place_poles(scene, position, there, BARE * reach.length)
-            if placed >= FEWEST:
-                return goal
-    raise TciError(f"reach: no room for poles on the way of {scene.part} of {scene.robot.name}")
-
-
-def _drawn(scene: Scene, position: Array) -> Array:
-    """A posture (n_servos,) [rad] of the part, within limits."""
-    there, servos = np.array(position), joint_map(scene.robot, scene.part).servos
-    drawn = scene.chance.uniform(-SPREAD, SPREAD, len(servos))
-    for servo, angle in zip(servos.tolist(), drawn.tolist(), strict=True):
-        limits = scene.robot.servos[servo].limits
-        low = -np.inf if limits.lower is None else limits.lower + 0.05
-        high = np.inf if limits.upper is None else limits.upper - 0.05
-        there[servo] = np.clip(there[servo] + angle, low, high)
-    return there
-
-
-def _place_poles(scene: Scene, position: Array, there: Array, room: float) -> int:
-    """Places poles where the skin would meet them; `room` [m] from the way of what has no skin."""
-    ways = [_points(scene, position + share * (there - position)) for share in SHARES]
-    ends, bare = np.concatenate([*ways[0], *ways[-1]]), np.concatenate([one[1] for one in ways])
-    for one in POLES:
-        scene.world.obstacle(one.name).remove()
-    placed = 0
-    for _ in range(60):
-        skin = ways[int(scene.chance.integers(1, len(SHARES) - 1))][0]
-        at = skin[int(scene.chance.integers(len(skin)))] + scene.chance.normal(0.0, ASIDE, 3)
-        along = scene.chance.normal(size=3)
-        along /= np.linalg.norm(along)
-        if _apart(ends, at, along) < RADIUS + CLEAR or _apart(bare, at, along) < room:
-            continue
-        pole = scene.world.obstacle(POLES[placed].name)
-        pole.place(at, along)
-        if any(_meets(scene, one, POLES[placed].name) for one in (there, position)):
-            pole.remove()
-            continue
-        placed += 1
-        if placed == len(POLES):
-            break
-    scene.world.show(position)
-    return placed
-
-
-def _meets(scene: Scene, position: Array, pole: str) -> bool:
-    """Whether a pole is in the way of a posture, also of links without skin."""
-    scene.world.show(position)
-    return any(pole in (one.first, one.second) for one in scene.world.meetings())
-
-
-def _points(scene: Scene, position: Array) -> tuple[Array, Array]:
-    """Points (k, 3) [m] of the skin that the part moves, and (m, 3) of its links without skin, in the torso
-    frame."""
-    body, chain = scene.body, scene.body.skin.kinematics
-    patches = [one for one in scene.robot.patches if one.name in body.carried(scene.part)]
-    own = set(joint_map(scene.robot, scene.part).servos.tolist())
-    bare = [link for link in chain.links if own & {*chain.chain(link)}]
-    bare = [link for link in bare if link not in {one.link for one in patches}]
-    poses = chain.poses(position, list({*bare, *(one.link for one in patches)}))
-    skin = [apply(poses[one.link], body.skin.surfaces[one.name].positions[::4]) for one in patches]
-    return np.concatenate(skin), np.array([poses[link][:3, 3] for link in bare]).reshape(-1, 3)
-
-
-def _apart(points: Array, at: Array, along: Array) -> float:
-    """Distance [m] of the axis of a pole from points (k, 3)."""
-    away = points - at
-    away -= np.outer(np.clip(away @ along, -HALF, HALF), along)
-    return float(np.linalg.norm(away, axis=1).min(initial=np.inf))
 
 
 def _baseline(scene: Scene) -> ReachThrough:

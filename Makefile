@@ -14,7 +14,7 @@ LIVE ?= 2
 # Everything else runs beside them, in the time of the processors that they leave.
 IDLE := $(if $(shell command -v chrt),chrt --idle 0,nice -n 19)
 
-.PHONY: help demo test live first-live again beside not-live test-real peers loops quick lint docs pictures bench middleware soak fuzz reliability learn release-check lock lowest clean run-env dev-env
+.PHONY: help demo test live first-live again beside not-live test-real peers loops quick lint docs pictures bench middleware soak fuzz reliability learn ftp1 release-check lock lowest clean run-env dev-env
 
 help:  ## show this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 8
@@ -122,6 +122,14 @@ lerobot:  ## genuine LeRobot 0.4.4 records robots of TCI, trains ACT on sets and
 	@.lerobot/bin/python tools/with_lerobot.py --robots nao --via zenoh --out "$(OUT)/lerobot-zenoh"
 	@.lerobot/bin/python tools/act.py --out "$(OUT)/act"
 
+# FTP-1 is on no package index: FTP1 is a folder with its repository.
+FTP1 ?= .ftp1/ftp1-policy
+ftp1: dev-env  ## FTP-1's own ReplayBuffer opens sets that TCI wrote, in .ftp1 (FTP1=CLONE, else it is cloned from GitHub)
+	@$(PYTHON) -m venv .ftp1
+	@.ftp1/bin/python -m pip install --quiet --require-hashes --requirement requirements/peers/zarr3.txt
+	@test -d "$(FTP1)" || git clone --quiet --depth 1 https://github.com/michaelyuancb/ftp1-policy "$(FTP1)"
+	@$(VENV)/python tools/with_ftp1.py "$(FTP1)" .ftp1/bin/python --out "$(OUT)/ftp1"
+
 mjlab: dev-env  ## the skin as force sensor in genuine mjlab 1.6.0: its G1 in 4 worlds, in .mjlab (PyTorch, MuJoCo 3.11); compared with TCI's skin
 	@$(PYTHON) -m venv .mjlab
 	@.mjlab/bin/python -m pip install --quiet $(if $(LEARN_INDEX),--extra-index-url $(LEARN_INDEX)) torch==2.13.0 mjlab==1.6.0
@@ -153,4 +161,4 @@ lowest:  ## tests with the lowest versions that pyproject.toml allows, in .lowes
 	@NUMBA_CACHE_DIR="$(CURDIR)/.lowest/loops" .lowest/bin/python -m pytest -n 2 --dist loadgroup $(TESTS)
 
 clean:  ## remove what was built
-	rm -rf .venv .lowest .learn .lerobot .mjlab .peers out docs/_build docs/_generated dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv .lowest .learn .lerobot .mjlab .ftp1 .peers out docs/_build docs/_generated dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

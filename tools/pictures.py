@@ -27,6 +27,7 @@ import numpy as np
 import teach
 import touch_show
 import touch_to_motion
+import touch_to_policy
 import touch_words
 import without_skin
 from even_response import draw as draw_even_response
@@ -186,6 +187,7 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "touches": lambda _: draw_touches(IMAGES / "touches.png"),
     "touch_words": lambda _: touch_words.draw(IMAGES / "touch-words.png"),
     "touch": lambda folder: touch_to_motion.draw_path(IMAGES / "touch-to-motion.svg"),
+    "policy": lambda folder: touch_to_policy.draw(folder, IMAGES / "touch-to-policy.png"),
     "bad_command": lambda folder: touch_to_motion.draw_bad_command(IMAGES / "bad-command.svg"),
     "control_modes": lambda _: control_modes.draw(IMAGES / "control-modes.png"),
     "clamped": lambda _: clamped.picture(IMAGES / "clamped-person.png"),

@@ -20,8 +20,9 @@ from tci.runtime.serve import serve
 
 PATIENCE = 0.5
 """Time [s] without data after which connections count as lost in these tests."""
-
-
+RATE = 200.0
+"""Periods per second, as on most robots. At the 500 of a simulation, two of them take a slow machine's two
+processors, and everybody else waits."""
 MOTORS = {"Head": 12, "LArm": 15, "RArm": 22}
 """For each part of a NAO: number of the first G1 motor that replaces the part's first joint in these tests.
 The other joints use the following motors."""
@@ -60,7 +61,7 @@ def main() -> None:
 
     robot = patient("nao", *map(float, sys.argv[2:]))
     with (
-        SimulatedDriver(robot, paced=True) as driver,
+        SimulatedDriver(robot, paced=True, rate=RATE) as driver,
         open_server(driver, sys.argv[1]) as server,
         # real time as on a robot, where the loop does not wait for other programs
         real_time_where_permitted(),

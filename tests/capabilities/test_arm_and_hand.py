@@ -1,5 +1,7 @@
 """What people do to humanoids works on one arm in sleeves of 64 taxels (franka), also on a wall, and on one
-hand (allegro). `test_teach.py` teaches the arm."""
+hand (allegro). `test_teach.py` teaches the arm.
+
+Forces on people and angles of joints are those of the simulation."""
 
 from __future__ import annotations
 
@@ -10,6 +12,7 @@ import numpy as np
 import pytest
 
 import tci
+from helpers.gentled import Go, _angles, _skin
 from helpers.taught import off
 from tci.capabilities import FingerReflex, Sway
 from tci.lab.authoring.proposal import propose
@@ -17,6 +20,8 @@ from tci.lab.experiments.experiment import trials_of
 from tci.lab.experiments.poke import Stimulus
 from tci.robot.description import TruncatedCone
 from tci.runtime.loop import Tick
+from tci.simulation import Obstacle
+from tci.skin.skin import Skin
 
 
 @pytest.mark.parametrize(
@@ -117,3 +122,34 @@ def test_a_finger_of_a_lone_hand_is_guided_and_repeats_it() -> None:
     led = [one for one in path if 0.3 < one[0] < 1.5]
     assert np.degrees(np.ptp([angles[1] for _, angles in led])) > 10.0, "the index finger bends"
     assert off(led, [one for one in path if one[0] > 2.5])[0] <= 2.0
+
+
+@pytest.mark.parametrize(("cap", "stiffness"), [(5.0, 10e3), (10.0, 25e3), (15.0, 75e3)])
+def test_a_finger_on_its_way_gives_way_to_a_person_and_then_goes_on(cap: float, stiffness: float) -> None:
+    part, tip, radius = "right_fingers", "right_index_tip", 0.02
+    robot = tci.load_robot("allegro")
+    start, bends = robot.part(part).initial_posture, np.arange(10) == 3
+    meets, goal = start + np.deg2rad(12.0) * bends, start + np.deg2rad(30.0) * bends
+    positions, normals = _skin(Skin(robot), tip, _angles(robot, part, meets))
+    rows: list[tuple[float, float]] = []
+    person = Obstacle(name="person", stiffness=stiffness, radius=radius)
+    with tci.connect(robot, "sim", rate=100.0, obstacles=[person]) as driver:
+        world = driver.world
+        world.obstacle("person").place(positions[0] + (radius + 1e-3) * normals[0])
+
+        def see(tick: Tick) -> None:
+            rows.append((tick.now, world.contact_truth(tip).force))
+            first = next((now for now, force in rows if force > 1.0), np.inf)
+            if tick.now > first + 2.0:
+                world.obstacle("person").remove()
+
+        result = tci.run(driver, tci.Gentle(Go(part, goal), cap=cap), duration=5.5, observe=see)
+        end = np.array(world.joints().position)
+    times, forces = np.array(rows).T
+    met = forces > 1.0
+    assert met.any()
+    first = times[met][0]
+    assert forces.max() <= 27.0
+    assert forces[times > first + 1.0].max() <= 1.1 * cap
+    assert np.degrees(np.abs(end - _angles(robot, part, goal)).max()) < 2.0
+    assert result.state.name == "RUN"

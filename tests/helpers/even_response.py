@@ -1,8 +1,8 @@
 """Judge of the withdrawal reflex: touches every taxel of forearms and upper arms, in random postures too.
 
-`python -m helpers.even_response [--json] [--anywhere] [--stride 1] [--postures 20] [ROBOT...]` in `tests/`
-prints one row for each robot, segment and force. It uses the public interface only, and knows nothing of
-fields: what it compares are commands.
+`python -m helpers.even_response [--json] [--anywhere] [--stride 1] [--postures 20] [--seed 0] [ROBOT...]` in
+`tests/` prints one row for each robot, segment and force. It uses the public interface only, and knows
+nothing of fields: what it compares are commands.
 
 Postures are those of a human arm that the robot reaches without touching itself; with --anywhere, all that
 the joints of the robot permit, also behind its back and near singular postures of its shoulder.
@@ -43,6 +43,8 @@ class Row:
     sizes: list[float] = field(default_factory=list)
     """Largest angle [degrees] of each command."""
     refused: Counter[str] = field(default_factory=Counter)
+    nowhere: int = 0
+    """Refused touches of which the reason says that no motion of the arm would do in this posture."""
     unsaid: int = 0
     """Touches that were felt, not answered, and for which no reason was told."""
     apart: float = 0.0
@@ -78,7 +80,8 @@ class Row:
         return (
             f"{self.robot:6} {self.segment:10} {self.force:5.1f} N {len(self.sizes):7} answered, median "
             f"{median:5.1f} deg, least {self.least:.2f}, neighbours {self.apart:4.1f} deg, refused "
-            f"{self.share:6.2%} {dict(self.refused)} {'; '.join(self.faults)}"
+            f"{self.share:6.2%} {dict(self.refused)}, {self.nowhere} of them without any permitted motion "
+            f"{'; '.join(self.faults)}"
         )
 
 
@@ -116,13 +119,14 @@ def judged(
     stride: int = 1,
     forces: tuple[float, ...] = FORCES,
     anywhere: bool = False,
+    seed: int = 0,
     reflex: tci.WithdrawalReflex | None = None,
 ) -> list[Row]:
     """Touches every `stride`th taxel of the left arm, with each neighbour of it. The right arm is its mirror
     image; with a stride of 1 it is touched too, in every second posture."""
     reflex = reflex or tci.WithdrawalReflex()
     rows = {(s, f): Row(name, s, f) for s in ("upper_arm", "forearm") for f in forces}
-    for number, posture in enumerate(postures(name, count, anywhere=anywhere)):
+    for number, posture in enumerate(postures(name, count, anywhere=anywhere, seed=seed)):
         touched = TouchedRobot(name, posture=posture)
         side = "right" if stride == 1 and number % 2 else "left"
         for patch in touched.robot.skin:
@@ -152,6 +156,7 @@ def _touch(
             commands[taxel] = np.rad2deg(mine[0])
         elif taxel in chosen:
             reasons = reflex.notes(memory)
+            row.nowhere += any("no other motion of its joints" in one for one in reasons)
             row.unsaid += not reasons and max(c.force for c in seen.contacts) > 0.3
             row.refused[_kind(reasons)] += 1
     row.sizes += [float(np.abs(commands[one]).max()) for one in chosen if one in commands]
@@ -175,10 +180,13 @@ def main() -> int:
     parser.add_argument("--anywhere", action="store_true")
     parser.add_argument("--stride", type=int, default=1)
     parser.add_argument("--postures", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0, help="draw of the random postures")
     given = parser.parse_args()
     faults = 0
     for name in given.robots:
-        for row in judged(name, count=given.postures, stride=given.stride, anywhere=given.anywhere):
+        for row in judged(
+            name, count=given.postures, stride=given.stride, anywhere=given.anywhere, seed=given.seed
+        ):
             told = asdict(row) | {"sizes": len(row.sizes), "median": float(np.median(row.sizes or [0.0]))}
             told |= {"least": row.least, "share": row.share, "faults": row.faults}
             print(json.dumps(told) if given.json else row, flush=True)

@@ -25,6 +25,9 @@ HERE = 2.5
 MOST = 40.0
 """Longest trial [s]. At the 0.05 m/s that `Gentle` goes by itself, joints that turn by 1.2 rad together at an
 arm's length of 0.6 m need 15 s, and it gives way on its way."""
+FIRST = 0.3
+"""Time [s] from the first contact on within which its first peak comes."""
+BEFORE = 0.03
 ARRIVED = 2.0
 """Angle [deg] to the goal within which the arm has reached it."""
 
@@ -66,11 +69,23 @@ class Outcome:
     state: str
     force: tuple[Array, Array]
     """Times [s] since the first contact and forces [N], while the partner is there."""
+    first: float
+    """Largest force [N] of the first `FIRST`."""
+    taxel: int
+    joints: JointReading
+    """Where it was met, and where the joints were then."""
+    closing: float
+    """Speed [m/s] of this place towards a partner who stands, a mean of `BEFORE`; NaN if met at once."""
+    period: float
+    """Of the loop [s]."""
 
 
-def meet(name: str, seed: int, *, cap: float, stiffness: float, speed: float = 0.0) -> Outcome | None:
+def meet(
+    name: str, seed: int, *, cap: float, stiffness: float, speed: float = 0.0, lasts: float = np.inf
+) -> Outcome | None:
     """An arm meets a partner on a spring, who stands or moves towards it and back with up to `speed` [m/s].
-    None if no skin of the arm goes ahead on its way, or nobody is met."""
+    The trial ends `lasts` [s] after the first contact at the latest. None if no skin of the arm goes ahead on
+    its way, or nobody is met."""
     random, robot = np.random.default_rng(seed), tci.load_robot(name)
     part = str(random.choice([one.name for one in robot.parts if one.kind == "arm"]))
     start = np.deg2rad(random.uniform([10, 10, -10, 40, 0], [40, 35, 10, 80, 1]))
@@ -100,8 +115,13 @@ def meet(name: str, seed: int, *, cap: float, stiffness: float, speed: float = 0
     plant.place("partner", place)
     felt, joints = plant.felt["partner"], joint_map(robot, part)
     skin_felt: list[bool] = []
+    local = skin.surfaces[patch.name].positions[taxel]
+    path: list[tuple[float, Array, Array]] = []
 
     def see(tick: Any) -> None:
+        if felt.first is None:
+            there, turned = plant.link_pose(patch.link)
+            path.append((plant.time, there + turned @ local, plant.position))
         skin_felt.append(any(one.part == part for one in tick.perception.contacts))
         if felt.first is None:
             return
@@ -116,8 +136,10 @@ def meet(name: str, seed: int, *, cap: float, stiffness: float, speed: float = 0
 
     result = run(
         RigidDriver(plant), tci.Gentle(Go(part, goal), cap=cap), duration=MOST, observe=see,
-        until=lambda memory: felt.first is not None and plant.time > felt.first + HERE + 0.5
-        and left() < ARRIVED,
+        until=lambda memory: felt.first is not None and (
+            plant.time > felt.first + lasts
+            or (plant.time > felt.first + HERE + 0.5 and left() < ARRIVED)
+        ),
     )  # fmt: skip
     if felt.first is None:
         return None
@@ -130,9 +152,19 @@ def meet(name: str, seed: int, *, cap: float, stiffness: float, speed: float = 0
         float(np.percentile(forces[there], 95)), stiffness * lengths * plant._count,
         float((forces[there] > 0.1).mean()), left(),
         plant.time - felt.first - HERE if left() < ARRIVED else np.inf,
-        sum(skin_felt) > 0.5 * HERE * rate * 0.5, result.state.name,
+        sum(skin_felt) > 0.5 * min(HERE, lasts) * rate * 0.5, result.state.name,
         (times[there] - felt.first, forces[there]),
+        float(forces[there & (times <= felt.first + FIRST)].max()), taxel,
+        JointReading(felt.first, 0, read_only(path[-1][2]), read_only(np.zeros(len(angles)))),
+        _closing(path, away), 1.0 / rate,
     )  # fmt: skip
+
+
+def _closing(path: list[tuple[float, Array, Array]], away: Array) -> float:
+    recent = [one for one in path if one[0] >= path[-1][0] - BEFORE - 1e-6]
+    if len(recent) < 2 or path[-1][0] - path[0][0] < 2.0 * BEFORE:
+        return float("nan")
+    return float(away @ (recent[-1][1] - recent[0][1])) / (recent[-1][0] - recent[0][0])
 
 
 def _angles(robot: tci.Robot, part: str, generic: Array) -> Array:

@@ -12,6 +12,7 @@ from tci.support.lazy import lazy_names
 
 if TYPE_CHECKING:
     from tci.body.cartesian import Reach as Reach
+    from tci.body.first_peak import first_peak as first_peak
     from tci.body.gaze import Look as Look
     from tci.body.generic_body import BodySettings as BodySettings
     from tci.body.generic_body import GenericBody as GenericBody

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,15 @@ from tci.robot.description import Robot
 YIELDED = float(np.deg2rad(1.0))
 """Distance [rad] from its moving equilibrium above which a compliant servo has yielded to a force. Assumed: a
 servo in motion lags by less, and a stiff servo that starts at this distance does not jolt."""
+
+
+class WayBack(NamedTuple):
+    """The whole way of a servo that leaves a contact on the gate's own order."""
+
+    end: float
+    """Angle [rad]."""
+    speed: float
+    """[rad/s]; all servos of a group arrive together, when its limits of speed and acceleration permit."""
 
 
 class CommandedGroups:
@@ -109,6 +120,25 @@ class CommandedGroups:
             position, velocity = frozen(np.concatenate(states, axis=1))
             self._reference = Reference(self._servos, self._modes, position, velocity)
         return self._reference
+
+    def ways_back(self, servos: AbstractSet[int]) -> dict[int, WayBack]:
+        """The ways of `servos`, which leave contacts. Without those of groups whose straight way from where
+        they were measured would bring links too near each other."""
+        found = dict[int, WayBack]()
+        for number, chain in self._chains.items():
+            mine = servos & set(chain.servos)
+            if not mine:
+                continue
+            limiter = chain.limiter
+            way = limiter.target - self.measured[chain.index]
+            others = [other for group, other in self._chains.items() if group != number]
+            if self.body is not None and self.body.fault_of_way(chain.index, way, others, self.measured):
+                continue
+            speed = np.abs(way) / _lasts(np.abs(way), limiter.speed, limiter.bounds.acceleration)
+            for servo in mine:
+                place = chain.place[servo]
+                found[servo] = WayBack(float(limiter.target[place]), float(speed[place]))
+        return found
 
     def note_motion(self) -> None:
         """The caller has moved a group."""
@@ -224,3 +254,11 @@ class CommandedGroups:
             return self.body.fault(index, stop, others, self.measured)
 
         return fault
+
+
+def _lasts(ways: Array, speed: Array, acceleration: Array) -> float:
+    """Time [s] of `ways` (n,) [rad] from rest to rest, all within `speed` (n,) [rad/s] and `acceleration`
+    (n,) [rad/s2]."""
+    cruises = ways * acceleration > speed**2
+    times = np.where(cruises, ways / speed + speed / acceleration, 2.0 * np.sqrt(ways / acceleration))
+    return max(float(times.max()), 1e-3)

@@ -14,9 +14,7 @@ The gate checks in this order:
 
 from __future__ import annotations
 
-import logging
-import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -25,12 +23,14 @@ from numpy.typing import ArrayLike
 
 from tci.errors import CommandError, DriverError, TciError
 from tci.gate.acceptance import check_command, fault_of_reading
+from tci.gate.commanded_groups import WayBack
 from tci.gate.contact.group import Way
 from tci.gate.contact.reaction import ContactReaction
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.joint_group import groups_of
 from tci.gate.joint_monitor import JointMonitor
 from tci.gate.motion import Motion
+from tci.gate.pace import Pace
 from tci.gate.safe_command import GateState as GateState
 from tci.gate.safe_command import GateToken
 from tci.gate.safe_command import SafeCommand as SafeCommand
@@ -46,16 +46,6 @@ from tci.robot.joint_calibration import Tool
 from tci.robot.kinematics import KinematicChain
 from tci.robot.like import RobotLike, as_robot
 
-EARLY = 0.05
-"""Fraction of a period by which a call of `step` may come before the planned time of the step. Assumed:
-larger than the jitter of timers."""
-CATCH_UP = 0.5
-"""After a late call of `step`, the next call may come sooner than one period later, by up to this fraction of
-a period. Assumed: larger than the jitter of timers, and small enough to prevent several steps at once."""
-STEADY = 0.1
-"""Largest relative difference at which two successive intervals between calls of `step` count as equal. If
-two equal intervals are too long, the gate reports that the loop runs at another rate. Assumed: on a busy
-machine, two long intervals differ more."""
 UNFIT = frozenset(
     {
         Code.OPPOSED_MOTION, Code.ENCODER_JUMPED, Code.ENCODER_FROZEN, Code.ENCODER_DISAGREES, Code.SERVO_OFF,
@@ -65,7 +55,6 @@ UNFIT = frozenset(
 """Causes of a stop after which no way back is known: angles or servos are not what they seem."""
 POWER = frozenset({Code.SERVO_OFF, Code.SERVO_MODE})
 """Those after which the gate sends no stiffness: it might switch on a servo that somebody switched off."""
-_log = logging.getLogger("tci")
 
 
 class Gate:
@@ -122,8 +111,7 @@ class Gate:
         self._told: list[Reason] = []
         self._met: tuple[Met, ...] = ()
         self._loads: dict[str, Tool] = {}
-        self._credit, self._before = 1.0, -np.inf
-        self._pace: float | None = 0.0  # latest delay of a loop that was never on time [periods]
+        self._pace = Pace(robot.name, period)
         self.drop()
 
     @property
@@ -172,6 +160,16 @@ class Gate:
         this method.
         """
         return self._motion.ahead(float(time))
+
+    @property
+    def ways_back(self) -> Mapping[int, WayBack]:
+        """The whole ways of servos that leave a contact on the gate's own order, by servo.
+
+        A robot that plans its own motion gets a way at once, so that it frees whoever it presses also if its
+        link is lost next. The gate judges limits and self-collision of the straight way, where it knows a
+        model; it may change the way in each step.
+        """
+        return self._motion.groups.ways_back(self._blocked)
 
     @property
     def modes(self) -> tuple[Mode, ...]:
@@ -361,7 +359,7 @@ class Gate:
                 refusals.append(error.reason)
                 refused_orders.append((command, error.reason))
         self._tally.refusals += len(refusals)
-        due = self._is_due(now)
+        due = self._pace.is_due(now)
         if due:
             clamped += self._motion.step(now)
         reference = self._reference = self._motion.reference
@@ -400,10 +398,8 @@ class Gate:
     def _judge(self, joints: JointReading, now: float, contacts: Contacts | None) -> Reason | None:
         """Checks a joint reading at the time `now` [s], and sets the state of the gate (RUN, HOLD or STOP).
         Returns the reason why nothing may move now; None if the robot may move."""
-        if -math.inf < now < self._before - self._period:
-            words = f"time went back by {self._before - now:.3f} s"
-            self.stop(Reason(Code.TIME_WENT_BACK, words))
-            self._before = now - self._period
+        if back := self._pace.went_back(now):
+            self.stop(Reason(Code.TIME_WENT_BACK, f"time went back by {back:.3f} s"))
         reason = fault_of_reading(self._robot, joints, now, self._stale_after)
         if reason:
             self._motion.refuse(joints)
@@ -470,40 +466,3 @@ class Gate:
             raise CommandError(f"expected contact of {force} N; valid: 0 to {MOST_EXPECTED:g} N")
         if self._contact is not None:
             self._contact.expect(declared.servos, force, now)
-
-    def _is_due(self, now: float) -> bool:
-        """Returns True if a step is due at `now` [s]: at most one step per period, and never several steps at
-        once after a delay."""
-        if not math.isfinite(now):
-            return False
-        if self._before > -math.inf:
-            passed = max(0.0, now - self._before) / self._period
-            if self._pace is not None:
-                self._look_at_rate(passed)
-            self._credit = min(self._credit + passed, 1.0 + CATCH_UP)
-        self._before = max(self._before, now)
-        if self._credit < 1.0 - EARLY:
-            return False
-        self._credit -= 1.0
-        return True
-
-    def _look_at_rate(self, passed: float) -> None:
-        """Logs a warning if the control loop runs at a lower rate than the gate's: if two successive calls
-        are late by nearly equal times.
-
-        `passed` [periods] is the time since the last call. After the first call on time, no warning is logged
-        here any more.
-        """
-        if passed <= 1.0 + CATCH_UP or self._pace is None:
-            self._pace = None
-        elif abs(passed - self._pace) <= STEADY * passed:
-            self._pace = None
-            rate = 1.0 / (passed * self.period)
-            _log.warning(
-                f"{self.robot.name}: gate.step is called every {1e3 / rate:.4g} ms and plans for "
-                f"{1e3 * self.period:.4g} ms: motions take {passed:.3g} times as long; valid: a step in each "
-                f"of driver.ticks(), or connect to 'sim' with rate={rate:.4g}; other drivers have the "
-                "rate of their binding in the robot's description"
-            )
-        else:
-            self._pace = passed

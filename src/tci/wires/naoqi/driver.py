@@ -135,7 +135,7 @@ class NaoqiDriver(Driver):
                 self._on[list(safe.stiffness)] = self.clock.now()
             assert self._stream is not None  # armed drivers have a stream
             measured = self._poller.latest.reading.joints.position
-            self._stream.send(motion, safe, self.gate.ahead(AHEAD), measured)
+            self._stream.send(motion, safe, self.gate.ahead(AHEAD), measured, self.gate.ways_back)
         except (DriverError, RuntimeError) as error:
             if self._poller.services.session.isConnected():
                 raise DriverError(f"{self.robot.name} does not take a command: {error}") from error

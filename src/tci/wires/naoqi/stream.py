@@ -3,16 +3,20 @@
 ALMotion comes to rest at each target unless the next target arrives earlier (libqi issue 29). Therefore a
 moving servo gets as target the position that is planned for two periods of ALMotion later. The sent speed is
 so low that the servo does not reach this target before that time. The last target of a motion is the position
-at which the servo stops. If the stream is interrupted, the robot stops at the latest target.
+at which the servo stops. If the stream is interrupted, the robot stops at the latest target. A servo that
+leaves a contact gets the end of its way at once: ALMotion takes it there also if the connection is lost next.
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from tci.gate.commanded_groups import WayBack
 from tci.gate.gate import SafeCommand
 from tci.messages.frames import Array
 from tci.wires.naoqi.words import CYCLE
@@ -34,6 +38,8 @@ EVERY = 0.01
 SAME = 1e-5
 """Distance [rad] below which two targets count as equal."""
 
+NOBODY: Mapping[int, WayBack] = MappingProxyType({})
+
 
 class Stream:
     """Stores the targets sent to each servo, and decides which targets are sent next."""
@@ -54,21 +60,36 @@ class Stream:
         self._sent = np.full(count, -np.inf)
         self._running: dict[int, Any] = {}
 
-    def send(self, motion: Any, safe: SafeCommand, ahead: Array, measured: Array) -> None:
+    def send(
+        self,
+        motion: Any,
+        safe: SafeCommand,
+        ahead: Array,
+        measured: Array,
+        ways_back: Mapping[int, WayBack] = NOBODY,
+    ) -> None:
         """Sends targets to the servos (k,) of a command. A target that has not changed is not sent again.
 
         `ahead` (k,) [rad] are the positions that the gate has planned for these servos, two periods of
-        ALMotion ahead. `measured` (n,) [rad] are the measured positions of all servos.
+        ALMotion ahead. `measured` (n,) [rad] are the measured positions of all servos. `ways_back` are the
+        whole ways of servos that leave contacts.
         """
         servos, now = safe.servos, safe.stamp
+        back = {place: ways_back[servo] for place, servo in enumerate(servos.tolist()) if servo in ways_back}
+        ahead, whole = ahead.copy(), list(back)
+        ahead[whole] = [way.end for way in back.values()]
         target = np.clip(ahead, self.lower[servos], self.upper[servos])
         # When a motion reverses, the robot's own reference may still move towards the previous target.
         way = np.fmax(np.abs(target - measured[servos]), np.abs(target - self._target[servos]))
         speed = way / CATCH_UP
+        speed[whole] = [way_back.speed for way_back in back.values()]
         share = np.clip(speed / self.fastest[servos], LEAST, 1.0)
         known = np.abs(target - self._target[servos]) < SAME
-        known &= share <= self._share[servos]
+        slower = share <= self._share[servos]
+        slower[whole] = True
+        known &= slower
         moving = self._share[servos] > LEAST
+        moving[whole] = False  # whom it presses waits for no period of ALMotion
         due = ~known & (~moving | (now - self._sent[servos] >= EVERY - 1e-4))
         alike: dict[float, list[int]] = {}
         for place in np.flatnonzero(due).tolist():

@@ -427,6 +427,8 @@ class Gate:
             self._motion.halt(frozenset() if blind else self._blocked)
         for way in ways:
             self._motion.retreat(*way)
+        if self._contact is not None:
+            self._motion.hold(self._contact.waits)
         return reason
 
     def _answer(self, joints: JointReading, now: float, contacts: Contacts | None) -> Sequence[Way]:

@@ -140,6 +140,12 @@ class Motion:
                 chain.limiter.halt()
         self._torque.halt()
 
+    def hold(self, servos: AbstractSet[int]) -> None:
+        """Stops `servos`, and those that move with them, within their limits."""
+        for chain in self.groups.chains:
+            if not servos.isdisjoint(chain.servos):
+                chain.limiter.halt()
+
     def retreat(self, servos: NDArray[np.intp], angles: Array, most: float | None = None) -> None:
         """Sends servos to `angles` (k,) [rad] on the gate's own order, in whichever mode they are, at most
         with the speed `most` [rad/s], each as soon as it can: the one that presses need not wait for

@@ -3,7 +3,7 @@ it presses as softly as gravity permits."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from tci.errors import DescriptionError, UnknownNameError
 from tci.gate.contact.group import Group
 from tci.gate.contact.weights import MOST, SOFT, bends
+from tci.messages import Contact
 from tci.messages.frames import Array
+from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 from tci.robot.gravity import DOWN, Gravity
 from tci.robot.joint_calibration import Tool
@@ -27,6 +29,7 @@ class Easing:
     def __init__(self, robot: Robot) -> None:
         self._torque = np.array([servo.limits.torque or np.nan for servo in robot.servos])
         self._gravity: Gravity | None = None
+        self._eased = set[int]()
         try:
             self._gravity, self._chain = Gravity(robot), KinematicChain(robot)
         except (DescriptionError, UnknownNameError):
@@ -37,6 +40,45 @@ class Easing:
     def load(self, robot: Robot, tools: Mapping[str, Tool]) -> None:
         """Notes what links carry, by the name of the link."""
         self._loaded = bends(robot, tools, most=np.inf) - bends(robot, {}, most=np.inf)
+
+    def forget(self) -> None:
+        """Angles are what they seem again."""
+        self._eased.clear()
+
+    def look(
+        self,
+        groups: Mapping[int, Group],
+        contacts: Iterable[Contact],
+        most: float,
+        position: Array,
+        powered: NDArray[np.bool_] | None,
+        now: float,
+    ) -> tuple[dict[int, float], list[Reason]]:
+        """Shares (0..1) of stiffness by servo, and what to tell, of each group that still answers a contact,
+        or whose skin feels more than `most` [N]; each once.
+
+        Args:
+            groups: by number.
+            contacts: of all skin.
+            most: see above.
+            position: where the robot was last seen (n_servos,) [rad].
+            powered: see `shares`.
+            now: time [s].
+        """
+        shares, told = dict[int, float](), list[Reason]()
+        for number, group in groups.items():
+            felt = max((one.force for one in contacts if one.part in group.parts), default=0.0)
+            answers = (group.goal is not None and group.free is None) or group.noticing.sure
+            if number in self._eased or group.waist or not (answers or felt > most):
+                continue  # a soft waist lets the robot fall
+            self._eased.add(number)
+            if found := self.shares(group, position, powered):
+                shares |= found
+                group.sags.told(np.array([*found]), np.array([*found.values()]), now)
+                words = f"no way back is known for {group.name}, which presses somebody"
+                least = f"{min(found.values()):.0%} to {max(found.values()):.0%}"
+                told.append(Reason(Code.CONTACT, f"{words}: its stiffness falls to {least}"))
+        return shares, told
 
     def shares(self, group: Group, position: Array, powered: NDArray[np.bool_] | None) -> dict[int, float]:
         """Shares (0..1) of the group's stiffness, by servo, at which gravity bends no joint by more than a

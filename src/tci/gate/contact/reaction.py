@@ -29,6 +29,7 @@ from tci.gate.contact.settings import ContactSettings
 from tci.gate.contact.softness import LIGHT
 from tci.gate.contact.streams import NEAR, PAUSE
 from tci.gate.contact.things import Things
+from tci.gate.contact.waiting import Waiting
 from tci.gate.contact.weights import Sag, bends
 from tci.gate.joint_monitor import Reference
 from tci.messages import (
@@ -87,15 +88,16 @@ class ContactReaction:
         )
         self._things = Things(robot, settings.fixtures)
         self._between = Between(robot)
+        self._waiting = Waiting(robot, self._groups)
         self._bearing = Bearing(robot, known=settings.stands)
-        self._easing, self._eased = Easing(robot), set[int]()
+        self._easing = Easing(robot)
         self._position: Array | None = None
         self.load({})
         self._contacts: Contacts | None = None
         self._stamp = self._now = -np.inf
         self._freeing = False
         self.blocked: frozenset[int] = frozenset()
-        """Servos that obey nobody else now."""
+        """Servos that obey nobody else now, since they leave a contact."""
         self.led: frozenset[int] = frozenset()
         """Servos that somebody leads, harder than a capability handles: they need not follow now."""
         self.reason: Reason | None = None
@@ -117,7 +119,7 @@ class ContactReaction:
         """Why an order at `now` [s] must not pass, in words, while the servos are at `position` (n_servos,)
         [rad]; None if it may. Raises CommandError for an invalid order."""
         named = np.ravel(order.servos).tolist()
-        blocked = self.blocked.intersection(named)
+        blocked = (self.blocked | self.waits).intersection(named)
         found = [
             one
             for one in self._groups_of(order.servos)
@@ -162,22 +164,11 @@ class ContactReaction:
     ) -> tuple[dict[int, float], list[Reason]]:
         """While angles are not what they seem: shares (0..1) of stiffness by servo, and what to tell, of each
         part that still answers a contact, or whose skin feels more than it answers from on."""
-        shares, told = dict[int, float](), list[Reason]()
-        for number, group in self._groups.items():
-            felt = max((one.force for one in contacts or () if one.part in group.parts), default=0.0)
-            answers = (group.goal is not None and group.free is None) or group.noticing.sure
-            if self._position is None or number in self._eased or group.waist:  # a soft waist lets it fall
-                continue
-            if not (answers or felt > self._settings.felt):
-                continue
-            self._eased.add(number)
-            if found := self._easing.shares(group, self._position, joints.powered):
-                shares |= found
-                group.sags.told(np.array([*found]), np.array([*found.values()]), now)
-                words = f"no way back is known for {group.name}, which presses somebody"
-                least = f"{min(found.values()):.0%} to {max(found.values()):.0%}"
-                told.append(Reason(Code.CONTACT, f"{words}: its stiffness falls to {least}"))
-        return shares, told
+        if self._position is None:
+            return {}, []
+        return self._easing.look(
+            self._groups, contacts or (), self._settings.felt, self._position, joints.powered, now
+        )
 
     def forget(self) -> None:
         """Forgets paths and reactions, since the servos are under command no more."""
@@ -186,6 +177,7 @@ class ContactReaction:
         for group in self._groups.values():
             group.goal, group.slow, group.expected = None, False, 0.0
             group.softness.soft = False
+        self._waiting.forget()
         self._forget_times()
 
     def _forget_times(self) -> None:
@@ -200,6 +192,11 @@ class ContactReaction:
             group.stream.forget()
             if group.goal is None:
                 group.path.clear()
+
+    @property
+    def waits(self) -> frozenset[int]:
+        """Servos that must not move while other parts leave a contact."""
+        return self._waiting.servos - self.blocked
 
     @property
     def touched(self) -> tuple[str, ...]:
@@ -224,7 +221,7 @@ class ContactReaction:
         if joints.stamp <= self._stamp:
             return [], []
         self._stamp, self._position = joints.stamp, joints.position
-        self._eased.clear()
+        self._easing.forget()
         felt, self._contacts = self._forces.step(contacts, joints.stamp), contacts
         if contacts is not None:  # while frames do not fit it goes on standing
             self._soles = self._balance.loaded(contacts)
@@ -236,6 +233,7 @@ class ContactReaction:
             self._walk_all(joints, reference)
             self._following.learn(joints, reference)
             self.met, self.led = (), frozenset()
+            self._waiting.forget()
             return [], []
         error = self._following.error(joints, reference)
         ways: list[Way] = []
@@ -294,7 +292,7 @@ class ContactReaction:
             if one.led is not None and one.softness.soft
             for s in one.servos
         )
-        return ways, told
+        return ways, told + self._waiting.look(felt, joints.position, reference)
 
     def _more(self, seen: Seen) -> str:
         place = int(np.argmax(np.abs(seen.bears)))

@@ -1,0 +1,101 @@
+"""While a part leaves somebody, the waist and parts that near the same person wait, whoever commands them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from helpers.gate_checks import position_command, reading
+from tci.gate.contact.settings import ContactSettings
+from tci.gate.gate import Gate, GateSettings, GateState
+from tci.messages import Contacts, PlatformOrder
+from tci.messages.contacts import CONTACT, TAXEL, Site
+from tci.messages.frames import Array
+from tci.reasons import Code
+from tci.robot.catalogue import load_robot
+from tci.robot.joint_map import initial_position
+from tci.robot.kinematics import KinematicChain
+
+ROBOT = load_robot("icub")
+PLACE = {servo.name: servo.index for servo in ROBOT.servos}
+PERIOD = 0.01
+HOME = np.array(initial_position(ROBOT))
+HAND = KinematicChain(ROBOT).poses(HOME, ["l_hand"])["l_hand"][:3, 3]
+
+
+def felt(force: float, place: Array) -> Contacts:
+    rows = np.zeros(1, CONTACT)
+    rows["identity"], rows["force"], rows["n_T"], rows["p_T"] = 7, force, [1.0, 0.0, 0.0], place
+    site = Site("skin", "left_arm", "forearm")
+    begin = np.zeros(2, np.int64)
+    return Contacts((site,), np.zeros(1), np.zeros(1, np.int64), rows, begin, np.zeros(0, TAXEL))
+
+
+class Robot:
+    """Joints that follow at once."""
+
+    def __init__(self) -> None:
+        settings = GateSettings(contact=ContactSettings(), self_collision=None)
+        self.gate = Gate(ROBOT, period=PERIOD, stale_after=0.1, settings=settings, streams=True)
+        self.angles, self.now = HOME.copy(), 0.0
+        self.told: list[str] = []
+        self.refused: list[Code] = []
+
+    def order(self, **degrees: float) -> PlatformOrder:
+        """To so many degrees from the start."""
+        servos = [PLACE[name] for name in degrees]
+        return position_command(servos, HOME[servos] + np.deg2rad([*degrees.values()]))
+
+    def step(self, *orders: PlatformOrder, contacts: Contacts | None = None) -> None:
+        safe = self.gate.step(orders, reading(self.angles, self.now), self.now, contacts=contacts)
+        self.angles[safe.servos] = safe.position
+        self.told += [one.text for one in safe.clamped if one.code is Code.CONTACT]
+        self.refused += [one.code for one in safe.refusals]
+        self.now += PERIOD
+
+    def moved(self, name: str) -> float:
+        """Degrees from the start."""
+        return float(np.rad2deg(self.angles - HOME)[PLACE[name]])
+
+
+def meets(other: Mapping[str, float], *, force: float = 20.0) -> Robot:
+    """The left arm meets somebody at its hand while another client moves another part."""
+    robot, nobody = Robot(), felt(0.0, HAND)
+    robot.step(robot.order(l_elbow=25.0), robot.order(**other), contacts=nobody)
+    for _ in range(15):
+        robot.step(contacts=nobody)
+    for _ in range(100):
+        robot.step(contacts=felt(force, HAND))
+    return robot
+
+
+@pytest.mark.parametrize(
+    ("joint", "asked"), [("torso_yaw", 40.0), ("r_shoulder_yaw", 60.0)], ids=["waist", "other arm"]
+)
+def test_a_part_that_could_press_the_same_person_waits(joint: str, asked: float) -> None:
+    robot = meets({joint: asked})
+    there = robot.moved(joint)
+    assert 0.0 < there < asked - 5.0
+    assert any("waits, since left_arm met somebody" in one for one in robot.told)
+    robot.step(robot.order(**{joint: asked}), contacts=felt(20.0, HAND))
+    assert robot.refused == [Code.CONTACT]
+    for _ in range(100):
+        robot.step(contacts=felt(0.0, HAND))
+    robot.step(robot.order(**{joint: asked}), contacts=felt(0.0, HAND))
+    for _ in range(300):
+        robot.step(contacts=felt(0.0, HAND))
+    assert robot.moved(joint) == pytest.approx(asked, abs=0.1), "afterwards it obeys"
+    assert robot.gate.state is GateState.RUN
+
+
+def test_a_part_that_goes_away_goes_on() -> None:
+    robot = meets({"r_shoulder_yaw": -30.0})
+    assert robot.moved("r_shoulder_yaw") == pytest.approx(-30.0, abs=0.1)
+    assert not any("waits" in one for one in robot.told)
+
+
+def test_nobody_waits_for_a_touch_that_is_only_told() -> None:
+    robot = meets({"torso_yaw": 40.0}, force=10.0)
+    assert robot.moved("torso_yaw") == pytest.approx(40.0, abs=0.1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -140,3 +141,79 @@ def test_a_torso_that_leans_does_not_change_which_way_is_down() -> None:
     """An arm that hangs along a torso at 60 degrees weighs on its shoulder."""
     pitch = PLACE["l_shoulder_pitch"]
     assert eased(lean=np.deg2rad(60.0)).get(pitch, 1.0) > eased(lean=0.0)[pitch] + 0.1
+
+
+class Softened:
+    """A left shoulder that got a smaller share of its stiffness while it pressed somebody, and was reset. At
+    its full stiffness it hangs 0.3 degrees low."""
+
+    def __init__(self) -> None:
+        self.gate = Gate(ROBOT, period=PERIOD, stale_after=0.1, settings=ANSWERS, streams=True)
+        self.angles, self.now = np.array(initial_position(ROBOT)), 0.0
+        self.share, self.shares, self.told = 1.0, list[tuple[float, float]](), list[str]()
+        self.step(position_command([ROLL], [self.angles[ROLL]]))
+        self.gate.stop(Reason(Code.ENCODER_JUMPED, "of the test"))
+        for step in range(40):
+            self.step(force=20.0 if step < 20 else 0.0)
+        self.softest = self.share
+        self.told.clear()
+        self.gate.reset()
+
+    def step(self, *orders: PlatformCommand, force: float = 0.0) -> None:
+        safe = self.gate.step(
+            orders, reading(self.angles, self.now), self.now, contacts=felt("left_arm", force)
+        )
+        if ROLL in safe.stiffness:
+            self.share = safe.stiffness[ROLL]
+            self.shares.append((self.now, self.share))
+        for servo, reference in zip(safe.servos.tolist(), safe.position.tolist(), strict=True):
+            low = np.deg2rad(0.3) / self.share if servo == ROLL else 0.0
+            self.angles[servo] += 0.2 * (reference - low - self.angles[servo])
+        self.told += [one.text for one in safe.clamped if one.code is Code.CONTACT]
+        self.now += PERIOD
+
+    def raised(self) -> PlatformCommand:
+        return position_command([ROLL], [self.angles[ROLL] + 0.2])
+
+
+def test_after_a_reset_a_part_stays_soft_until_it_is_commanded_and_then_gets_stiff_slowly() -> None:
+    """It stayed soft until a STIFFNESS order."""
+    arm = Softened()
+    assert arm.softest < 0.3
+    for _ in range(100):
+        arm.step()
+    assert arm.share == arm.softest, "reset moves nothing"
+    before = (arm.now, arm.share)
+    arm.step(arm.raised())
+    for _ in range(400):
+        arm.step()
+    assert arm.share == 1.0
+    shares = [before, *(one for one in arm.shares if one[0] > before[0])]
+    for (earlier, less), (later, more) in pairwise(shares):
+        assert 0.0 < more - less <= 0.0501
+        assert later - earlier >= 0.099 or less == arm.softest
+    assert not arm.told, "its own motion is no contact"
+    assert arm.gate.state is GateState.RUN
+
+
+def test_a_soft_part_that_touches_somebody_gets_no_stiffer() -> None:
+    arm = Softened()
+    arm.step(arm.raised())
+    for _ in range(50):
+        arm.step()
+    there = arm.share
+    for _ in range(100):
+        arm.step(force=8.0)
+    assert arm.share <= there + 0.0501
+    for _ in range(400):
+        arm.step()
+    assert arm.share == 1.0
+
+
+def test_an_order_for_stiffness_is_the_last_word() -> None:
+    arm = Softened()
+    arm.step(PlatformCommand(Mode.STIFFNESS, np.array([ROLL]), np.array([0.5]), np.ones(1)))
+    arm.step(arm.raised())
+    for _ in range(400):
+        arm.step()
+    assert arm.share == 0.5

@@ -446,6 +446,8 @@ class Gate:
         ways, self._told = self._contact.step(joints, self._reference, now, contacts)
         if self._contact.reason is not None:
             self.stop(self._contact.reason)
+        if self._stopped is None:
+            self._motion.soften(self._contact.give_back(joints, self._reference.servos, now))
         return ways
 
     @property

@@ -1,9 +1,10 @@
 """A part that presses somebody while its encoders or servos are not what they seem: no way back is known, so
-it presses as softly as gravity permits."""
+it presses as softly as gravity permits. When it is commanded again it gets its stiffness back, slowly."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from collections.abc import Set as AbstractSet
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ from tci.robot.kinematics import KinematicChain
 
 LEAST = 0.1
 """Share of the stiffness that is left at least: dry friction holds a joint with half of it."""
+MORE, EVERY = 0.05, 0.1
+"""Share of the stiffness that comes back at once, and time [s] between two: a joint that hangs 4 degrees low
+rises in 2 s, so slowly that somebody above it is noticed first."""
 
 
 class Easing:
@@ -30,6 +34,8 @@ class Easing:
         self._torque = np.array([servo.limits.torque or np.nan for servo in robot.servos])
         self._gravity: Gravity | None = None
         self._eased = set[int]()
+        self._full = dict[int, float]()  # shares before, of those that are still softer
+        self._raised = -np.inf  # when [s]
         try:
             self._gravity, self._chain = Gravity(robot), KinematicChain(robot)
         except (DescriptionError, UnknownNameError):
@@ -74,6 +80,8 @@ class Easing:
             self._eased.add(number)
             if found := self.shares(group, position, powered):
                 shares |= found
+                before = zip(group.servos.tolist(), group.sags.shares.tolist(), strict=True)
+                self._full = {servo: share for servo, share in before if servo in found} | self._full
                 group.sags.told(np.array([*found]), np.array([*found.values()]), now)
                 words = f"no way back is known for {group.name}, which presses somebody"
                 least = f"{min(found.values()):.0%} to {max(found.values()):.0%}"
@@ -91,14 +99,62 @@ class Easing:
         """
         if self._gravity is None:
             return {}
-        weight = self._gravity.torques(position, down=self._turn(position) @ self._down)
-        bent = SOFT * np.abs(weight) / self._torque + self._loaded
-        least = np.clip(bent / MOST, LEAST, 1.0)[group.servos]
+        least = np.clip(self._bent(self._gravity, position) / MOST, LEAST, 1.0)[group.servos]
         on = np.ones(len(position), bool)
         if powered is not None and powered.shape == on.shape:
             on = powered
         rows = zip(group.servos.tolist(), least.tolist(), group.sags.shares.tolist(), strict=True)
         return {servo: share for servo, share, now in rows if share < now and on[servo]}
+
+    def told(self, servos: NDArray[np.intp]) -> None:
+        """Somebody said how stiff `servos` (k,) are."""
+        for servo in servos.tolist():
+            self._full.pop(servo, None)
+
+    def give_back(
+        self,
+        groups: Mapping[int, Group],
+        pressed: AbstractSet[str],
+        position: Array,
+        commanded: NDArray[np.intp],
+        powered: NDArray[np.bool_] | None,
+        now: float,
+    ) -> dict[int, float]:
+        """New shares (0..1) of stiffness, by servo, of those that got a smaller one and are commanded again.
+        Parts that are `pressed` stay as soft as they are.
+
+        Args:
+            groups: by number.
+            pressed: names of parts that meet somebody.
+            position: of all servos (n_servos,) [rad].
+            commanded: those under command (k,).
+            powered: see `shares`.
+            now: time [s].
+        """
+        found = dict[int, float]()
+        if self._gravity is None or not self._full or 0.0 <= now - self._raised < EVERY:
+            return found
+        self._raised = now
+        on = commanded if powered is None else commanded[powered[commanded]]
+        mine = self._full.keys() & on.tolist()
+        bent = self._bent(self._gravity, position)
+        for group in groups.values():
+            own, rises = group.own & mine, group.goal is None and pressed.isdisjoint(group.parts)
+            for servo in own:
+                before = group.sags.share_of(servo)
+                share = min(before + MORE, self._full[servo]) if rises else before
+                group.sags.gets(servo, share, float(bent[servo]) * (1.0 / share - 1.0))
+                if rises:
+                    found[servo] = share
+                if share == self._full[servo]:
+                    del self._full[servo]
+        return found
+
+    def _bent(self, gravity: Gravity, position: Array) -> Array:
+        """Angles (n_servos,) [rad] by which weights bend joints of full stiffness."""
+        weight = gravity.torques(position, down=self._turn(position) @ self._down)
+        bent: Array = SOFT * np.abs(weight) / self._torque + self._loaded
+        return bent
 
     def _turn(self, position: Array) -> Array:
         """Rotation (3, 3) of the root in the torso frame; the root stays upright while a torso leans."""

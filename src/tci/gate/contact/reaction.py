@@ -145,9 +145,11 @@ class ContactReaction:
                 group.softness.soft = False
             elif order.mode is Mode.STIFFNESS and isinstance(order, PlatformCommand):
                 group.sags.told(order.servos, order.values, now)
+                self._easing.told(order.servos)
 
     def sag_as(self, before: ContactReaction) -> None:
         """Takes over from one with other settings which joints were told to be softer."""
+        self._easing = before._easing
         for number, group in self._groups.items():
             group.sags = before._groups[number].sags
 
@@ -169,6 +171,12 @@ class ContactReaction:
         return self._easing.look(
             self._groups, contacts or (), self._settings.felt, self._position, joints.powered, now
         )
+
+    def give_back(self, joints: JointReading, commanded: NDArray[np.intp], now: float) -> dict[int, float]:
+        """New shares (0..1) of stiffness, by servo, of those that `ease` made softer and that are among the
+        `commanded` (k,) again."""
+        pressed = frozenset(one.part for one in self.met)
+        return self._easing.give_back(self._groups, pressed, joints.position, commanded, joints.powered, now)
 
     def forget(self) -> None:
         """Forgets paths and reactions, since the servos are under command no more."""

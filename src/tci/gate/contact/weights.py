@@ -80,6 +80,15 @@ class Sags:
         self._stiffer = (self._stiffer | (new > self.shares)) & (new >= self.shares)
         self.shares = new
 
+    def share_of(self, servo: int) -> float:
+        return float(self.shares[self._servos == servo][0])
+
+    def gets(self, servo: int, share: float, sag: float) -> None:
+        """Notes that a servo gets a share of its stiffness at which it sags by `sag` [rad] at most."""
+        mine = self._servos == servo
+        self.shares[mine], self._sags[mine] = share, sag
+        self._until[mine], self._stiffer[mine] = -np.inf, False
+
     def look(self, behind: Array, now: float) -> Array:
         """By how much each joint sags (k,) [rad] that is `behind` its reference by so much (k,) [rad]."""
         # at a share of its stiffness the same weight bends it further, but no weight bends it as far as MOST

@@ -25,7 +25,7 @@ from tci.wires.naoqi.stream import Stream
 NAO = Squeeze(
     "left_arm", np.array([0.59995, 0.37486, -0.75302, 1.03312, 1.23278]),
     np.array([-0.5598, 0.74179, -0.8305, 0.67692, -0.51405]), Mode.POSITION, 0.49, 75e3, "LForeArm",
-    np.array([0.0148, 0.02168, 0.026]), np.array([-0.06047, 0.21191, 0.35961]), 100.0, 5,
+    np.array([0.0148, 0.02168, 0.026]), np.array([-0.06047, 0.21191, 0.35961]), 500.0, 5,
 )  # fmt: skip
 ICUB = Squeeze(
     "right_arm", np.array([-0.20589, -0.27135, -0.0707, 1.26154, 0.67578]),

@@ -10,6 +10,8 @@ import pytest
 import tci
 from helpers.gentled import Go, meet
 from tci.body import PEOPLE, Struck, first_peak
+from tci.capabilities import Sway, SwayMemory
+from tci.capabilities.gentle.capability import GentleMemory
 from tci.errors import CommandError, TciError
 from tci.messages import ExpectContact, GenericCommand, Mode, SwitchMode
 from tci.messages.frames import read_only
@@ -146,6 +148,20 @@ def test_it_gives_way_to_what_only_its_joints_bear() -> None:
     assert max(power[:40]) > 0.0, "it goes on while nobody pushes, whatever its weight"
     assert power[-1] < -0.1
     assert not seen.contacts
+
+
+def test_a_heavy_arm_takes_its_own_acceleration_for_nobody() -> None:
+    gentle, told = tci.Gentle(Sway()), list[str]()
+
+    def hear(memory: GentleMemory[SwayMemory]) -> bool:
+        told.extend(gentle.notes(memory))
+        return False
+
+    with tci.connect("franka", "sim") as driver:
+        start = driver.read().joints.position
+        tci.run(driver, gentle, duration=0.6, until=hear)
+        assert np.abs(driver.read().joints.position - start).max() > 0.01
+    assert not told
 
 
 def test_a_push_that_only_joints_told_ends_with_it_also_where_speeds_are_noisy() -> None:

@@ -204,7 +204,9 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
         elapsed = max(perception.stamp - memory.stamp, 0.0) if memory.stamp == memory.stamp else 0.0
         met, rates, loads, said = dict(memory.met), dict(memory.rates), dict(memory.loads), []
         for part, target in targets.items():
-            loads[part] = bear(loads.get(part), perception, body, part, delay=self.delay, elapsed=elapsed)
+            loads[part] = bear(
+                loads.get(part), perception, body, part, rates.get(part), delay=self.delay, elapsed=elapsed
+            )
             pushes = _pushes(part, loads[part], perception, body)
             after = self._meet(met.get(part), pushes, part, rates.get(part), elapsed, perception, body)
             if after is not None:

@@ -20,9 +20,9 @@ SETTLES, FORGETS = 0.5, 2.0
 """Time constants [s] with which an arm takes what it bears for its own: while nothing pushes, and while
 something seems to, as a weight that it took up would."""
 EVEN = 0.03
-"""Change of speed [rad/s] within the delay above which torques tell of the arm's own motion: what they tell
-then is its own, unless something pushes it already. After `SETTLES` of it, as with noisy speeds, they tell
-whether it still does."""
+"""Change of a speed [rad/s] within the delay, the arm's own or what it is told, above which torques tell of
+its own motion (a heavy arm has them before it is fast): what they tell then is its own, unless something
+pushes it already. After `SETTLES` of it, as with noisy speeds, they tell whether it still does."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,13 +34,21 @@ class Load:
     more: Array
     """What it bears beyond them (n,) [N m], along the way into whoever pushes it."""
     seen: tuple[tuple[float, Array, Array], ...]
-    """Time [s], speeds (n,) [rad/s] and torques (n,) [N m] within the delay: single ones tell nothing."""
+    """Time [s], speeds (2, n) [rad/s] that it had and was told, and torques (n,) [N m] within the delay:
+    single ones tell nothing."""
     uneven: float = np.inf
     """Since when its speed changes [s]; inf while it does not."""
 
 
 def bear(
-    load: Load | None, perception: Perception, body: GenericBody, part: str, *, delay: float, elapsed: float
+    load: Load | None,
+    perception: Perception,
+    body: GenericBody,
+    part: str,
+    told: Array | None,
+    *,
+    delay: float,
+    elapsed: float,
 ) -> Load | None:
     """What a part bears after this instant; None if its torques are not measured.
 
@@ -49,6 +57,7 @@ def bear(
         perception: what is felt now.
         body: the robot's body.
         part: generic part.
+        told: speeds (n,) [rad/s] that it was told last, if any.
         delay: from a force to the motion that answers it [s].
         elapsed: since the instant before [s].
     """
@@ -56,11 +65,12 @@ def bear(
     if effort is None:
         return None
     rate, now = body.rate(perception, part), perception.stamp
+    rates = read_only(np.array([rate, np.zeros(len(rate)) if told is None else told]))
     if load is None:
-        return Load(effort, read_only(np.zeros(effort.shape)), ((now, rate, effort),))
-    seen = (*(one for one in load.seen if now - one[0] <= delay), (now, rate, effort))
+        return Load(effort, read_only(np.zeros(effort.shape)), ((now, rates, effort),))
+    seen = (*(one for one in load.seen if now - one[0] <= delay), (now, rates, effort))
     effort = read_only(np.mean([one[2] for one in seen], axis=0))
-    changes = max(float(np.abs(rate - one[1]).max()) for one in seen) > EVEN
+    changes = max(float(np.abs(rates - one[1]).max()) for one in seen) > EVEN
     uneven = min(load.uneven, now) if changes else np.inf
     if changes and not load.more.any():
         return replace(load, own=effort, seen=seen, uneven=uneven)

@@ -22,8 +22,9 @@ ROBOTS = {
     "g1": "G1, the same file",
 }
 PART, FIELD, FPS, DURATION = "left_arm", "forearm_lateral", 100, 0.5
+"""The finger pokes the centre of the reflex's field `FIELD`."""
 PALE = 0.45
-"""`FIELD` is the reflex's field in whose centre the finger pokes."""
+"""Share of the picture of the touch in that of both."""
 
 
 def draw(folder: Path, path: Path) -> None:

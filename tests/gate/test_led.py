@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from helpers.gate_checks import reading
 from tci.body.generic_body import order_to_platform
@@ -120,3 +121,26 @@ def test_an_arm_that_was_led_and_then_goes_into_the_same_hand_goes_back() -> Non
     for _ in range(10):
         arm.step(HARD, asked=SPEED)
     assert arm.answers[-1] == "retreat"
+
+
+@pytest.mark.parametrize("speed", [0.003, 0.02])
+def test_an_arm_that_was_led_and_creeps_into_the_hand_leaves_it_and_is_not_led_back_into_it(
+    speed: float,
+) -> None:
+    """The hand, of 20 N/mm, stands where it led the arm to. It got 270 N from an arm that crept, and 1100 N
+    from one whose way back ended where it had been led from."""
+    arm = Pushed()
+    for _ in range(5):
+        arm.step(0.0)
+    for _ in range(40):
+        arm.step(8.0, asked=-SPEED)
+    for _ in range(20):
+        arm.step(HARD, pushed=SPEED * PERIOD)
+    there, force, forces = arm.here, 20.0, list[float]()
+    for _ in range(400):
+        arm.step(force, asked=speed)
+        force = max(0.0, 20.0 + 20e3 * (arm.here - there))
+        forces.append(force)
+    assert "retreat" in arm.answers
+    assert max(forces) < 60.0
+    assert forces[-1] < 25.0

@@ -25,12 +25,15 @@ HOME = np.array(initial_position(ROBOT))
 HAND = KinematicChain(ROBOT).poses(HOME, ["l_hand"])["l_hand"][:3, 3]
 
 
-def felt(force: float, place: Array) -> Contacts:
-    rows = np.zeros(1, CONTACT)
-    rows["identity"], rows["force"], rows["n_T"], rows["p_T"] = 7, force, [1.0, 0.0, 0.0], place
-    site = Site("skin", "left_arm", "forearm")
-    begin = np.zeros(2, np.int64)
-    return Contacts((site,), np.zeros(1), np.zeros(1, np.int64), rows, begin, np.zeros(0, TAXEL))
+def felt(force: float, place: Array, *, right: float = 0.0) -> Contacts:
+    """Forces [N] on the left and the right arm."""
+    count = 2 if right else 1
+    rows = np.zeros(count, CONTACT)
+    rows["identity"], rows["force"] = [7, 8][:count], [force, right][:count]
+    rows["n_T"], rows["p_T"] = [1.0, 0.0, 0.0], place
+    sites = (Site("skin", "left_arm", "forearm"), Site("skin", "right_arm", "forearm"))[:count]
+    begin = np.zeros(count + 1, np.int64)
+    return Contacts(sites, np.zeros(1), np.arange(count), rows, begin, np.zeros(0, TAXEL))
 
 
 class Robot:
@@ -99,3 +102,13 @@ def test_a_part_that_goes_away_goes_on() -> None:
 def test_nobody_waits_for_a_touch_that_is_only_told() -> None:
     robot = meets({"torso_yaw": 40.0}, force=10.0)
     assert robot.moved("torso_yaw") == pytest.approx(40.0, abs=0.1)
+
+
+def test_a_part_that_waits_gives_way_to_whoever_presses_it() -> None:
+    robot = meets({"r_shoulder_yaw": 60.0})
+    there, place = robot.moved("r_shoulder_yaw"), PLACE["r_shoulder_yaw"]
+    for _ in range(60):
+        robot.angles[place] = min(robot.angles[place], np.deg2rad(there - 2.0) + HOME[place])
+        robot.step(contacts=felt(20.0, HAND, right=25.0))
+    robot.step(contacts=felt(20.0, HAND, right=25.0))
+    assert robot.moved("r_shoulder_yaw") < there - 1.0

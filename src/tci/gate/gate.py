@@ -428,7 +428,7 @@ class Gate:
         for way in ways:
             self._motion.retreat(*way)
         if self._contact is not None:
-            self._motion.hold(self._contact.waits)
+            self._motion.hold(self._contact.stays)
         return reason
 
     def _answer(self, joints: JointReading, now: float, contacts: Contacts | None) -> Sequence[Way]:

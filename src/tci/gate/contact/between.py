@@ -105,6 +105,12 @@ class Between:
         into = self._into_strongest(group, seen, contacts)
         return bool(into.any() and into @ group.path.came(seen.here, seen.own) > -ROOM)
 
+    def forget_way_in(self, group: Group, seen: Seen, contacts: Iterable[Contact]) -> None:
+        """Forgets the path of a group that somebody leads, if it came from nearer to them: back along it, the
+        group would press them. What it goes into them later is its way back."""
+        if self._into_strongest(group, seen, contacts) @ group.path.came(seen.here, seen.own) > 0.0:
+            group.path.clear()
+
     def speed_into(self, group: Group, seen: Seen, contacts: Iterable[Contact]) -> float:
         """Speed [m/s] with which a group's reference goes into whoever presses it most."""
         rates = np.zeros(len(seen.joints.position))

@@ -81,7 +81,7 @@ class Group:
     """How long it does [s]."""
     led: int | None = None
     """Identity of the contact that leads it, harder than a capability handles: it gives way to that one as
-    long as it is the strongest."""
+    long as it is the strongest, and the group does not go into it."""
     slow: bool = False
     """It is freed on an operator's word."""
 

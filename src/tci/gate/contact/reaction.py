@@ -63,8 +63,6 @@ EXPECTED_FOR = 0.5
 nothing."""
 MOVES = float(np.deg2rad(2.0))
 """Speed [rad/s] above which a reference moves a part, and so may have made a force."""
-CREEPS = 5e-3
-"""Speed [m/s] into whoever leads a part from which on they lead it no more."""
 STILL = 0.5
 """Fraction of the torque that counts from which on a joint still presses after a way back: twice what dry
 friction is that turned."""
@@ -196,6 +194,7 @@ class ContactReaction:
         for group in self._groups.values():
             group.reactions.clear()
             group.since, group.free, group.moved = np.inf, None, -np.inf
+            group.until, group.led = -np.inf, None
             group.noticing.forget()
             group.stream.forget()
             if group.goal is None:
@@ -203,8 +202,14 @@ class ContactReaction:
 
     @property
     def waits(self) -> frozenset[int]:
-        """Servos that must not move while other parts leave a contact."""
+        """Servos that obey nobody while other parts leave a contact."""
         return self._waiting.servos - self.blocked
+
+    @property
+    def stays(self) -> frozenset[int]:
+        """Those of them that must not move: all but what gives way to somebody who presses it."""
+        waits = self.waits
+        return waits.difference(*(one.own for one in self._groups.values() if waits and one.softness.soft))
 
     @property
     def touched(self) -> tuple[str, ...]:
@@ -358,9 +363,11 @@ class ContactReaction:
         if not handled or seen.felt.force <= max(self._settings.felt, allowed):
             return False
         strongest = max(seen.felt.contacts, key=lambda one: seen.felt.contacts[one].force)
-        if group.led != strongest or self._into(group, seen) > CREEPS:
+        if group.led != strongest or self._into(group, seen) > 0.0:
             leads = self._between.leads(group, seen, self._contacts or ())
             group.led = strongest if leads else None
+        if group.led is not None:
+            self._between.forget_way_in(group, seen, self._contacts or ())
         return group.led is not None
 
     def _into(self, group: Group, seen: Seen) -> float:

@@ -55,7 +55,7 @@ class Pushed:
         Returns how far into the hand the arm's reference is, from where its joints are [m].
         """
         seen = self.skin.perceive("left_forearm" if force else None, force=force)
-        orders: list[Order] = [] if self.now else [SwitchMode("left_arm", Mode.VELOCITY)]
+        orders: list[Order] = [] if self.gate.counts.steps else [SwitchMode("left_arm", Mode.VELOCITY)]
         if asked is not None:
             command = GenericCommand("left_arm", Mode.VELOCITY, asked * self.way)
             orders += [command, ExpectContact("left_arm", HANDLED)]
@@ -144,3 +144,15 @@ def test_an_arm_that_was_led_and_creeps_into_the_hand_leaves_it_and_is_not_led_b
     assert "retreat" in arm.answers
     assert max(forces) < 60.0
     assert forces[-1] < 25.0
+
+
+def test_a_declaration_ends_when_the_clock_goes_back() -> None:
+    arm = Pushed()
+    arm.now = 10.0
+    for _ in range(40):
+        arm.step(8.0, asked=0.0)
+    assert arm.answers[-1] == "expected"
+    arm.now -= 5.0
+    for _ in range(10):
+        arm.step(8.0)
+    assert arm.answers[-1] == "told"

@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 
 from helpers.gate_checks import position_command, reading
+from tci.gate.contact.group import make_groups
 from tci.gate.contact.settings import ContactSettings
+from tci.gate.contact.waiting import Waiting
 from tci.gate.gate import Gate, GateSettings, GateState
-from tci.messages import Contacts, PlatformOrder
+from tci.gate.joint_group import groups_of
+from tci.gate.joint_monitor import Reference
+from tci.messages import Contacts, Mode, PlatformOrder
 from tci.messages.contacts import CONTACT, TAXEL, Site
 from tci.messages.frames import Array
 from tci.reasons import Code
@@ -112,3 +116,19 @@ def test_a_part_that_waits_gives_way_to_whoever_presses_it() -> None:
         robot.step(contacts=felt(20.0, HAND, right=25.0))
     robot.step(contacts=felt(20.0, HAND, right=25.0))
     assert robot.moved("r_shoulder_yaw") < there - 1.0
+
+
+def test_nobody_waits_for_an_arm_that_lies_on_a_thing() -> None:
+    groups, _ = make_groups(ROBOT, groups_of(ROBOT), {}, stands=False)
+    left, right, waist = (
+        next(one for one in groups.values() if part in one.parts)
+        for part in ("left_arm", "right_arm", "torso")
+    )
+    waiting, yaw = Waiting(ROBOT, groups), np.array([PLACE["torso_yaw"]])
+    turns = Reference(yaw, (Mode.POSITION,), HOME[yaw], np.array([0.5]))
+    right.thing, right.goal, left.goal = "the table", HOME[right.servos], HOME[left.servos]
+    waiting.look({}, HOME, turns)
+    assert waiting.servos == waist.own
+    left.goal = None
+    waiting.look({}, HOME, turns)
+    assert not waiting.servos

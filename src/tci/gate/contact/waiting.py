@@ -52,7 +52,7 @@ class Waiting:
                 there += [contact.point for contact in skin] or self._at(number, position)
                 who.append(one.name)
         if not who:
-            if all(one.goal is None for one in groups.values()):
+            if all(one.goal is None or one.thing for one in groups.values()):
                 self.forget()
             return []
         speed = np.zeros(len(position))

@@ -117,15 +117,15 @@ class ContactReaction:
         """Why an order at `now` [s] must not pass, in words, while the servos are at `position` (n_servos,)
         [rad]; None if it may. Raises CommandError for an invalid order."""
         named = np.ravel(order.servos).tolist()
-        blocked = (self.blocked | self.waits).intersection(named)
+        # an order that is invalid may name 10.0
+        blocked = {servo for servo in self.blocked | self.waits if servo in named}
         found = [
             one
             for one in self._groups_of(order.servos)
             if one.stream.refuses(self._robot, order, position, now, blocked=bool(blocked & one.own))
         ]
         if blocked:
-            servo = next(servo for servo in named if servo in blocked)
-            parts = ", ".join(self.touched) or self._robot.servos[servo].robot_part
+            parts = ", ".join(self.touched) or self._robot.servos[min(blocked)].robot_part
             return f"{parts} met something; valid: commands half a second after the contact"
         if found:
             names = ", ".join(one.name for one in found)

@@ -163,9 +163,10 @@ def test_readings_are_complete_fresh_and_in_order(driver: Driver) -> None:
 
 
 def test_write_returns_what_was_sent_and_the_robot_goes_there(driver: Driver) -> None:
-    safe = judged(driver, {"LElbowRoll": -1.2})
+    bent = {"LElbowRoll": -1.2}
+    safe = judged(driver, bent)
     assert driver.write(safe) is safe
-    assert drive_until(driver, lambda: abs(elbow(driver) + 1.2) < 0.01)
+    assert drive_until(driver, lambda: abs(elbow(driver) + 1.2) < 0.01, driver.native("LArm").command(bent))
 
 
 def test_home_is_commands_like_any_other(driver: Driver) -> None:

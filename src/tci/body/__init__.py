@@ -12,10 +12,10 @@ from tci.support.lazy import lazy_names
 
 if TYPE_CHECKING:
     from tci.body.cartesian import Reach as Reach
-    from tci.body.first_peak import first_peak as first_peak
     from tci.body.gaze import Look as Look
     from tci.body.generic_body import BodySettings as BodySettings
     from tci.body.generic_body import GenericBody as GenericBody
+    from tci.body.meeting import first_peak as first_peak
     from tci.body.pace import Pace as Pace
     from tci.body.perceiver import Perceiver as Perceiver
     from tci.body.places import Place as Place

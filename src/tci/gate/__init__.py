@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from tci.support.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from tci.gate.commanded_groups import WayBack as WayBack
     from tci.gate.contact.settings import ContactSettings as ContactSettings
     from tci.gate.gate import Gate as Gate
     from tci.gate.joint_monitor import MonitorSettings as MonitorSettings

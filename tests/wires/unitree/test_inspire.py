@@ -122,12 +122,12 @@ def rad(counts: list[int]) -> list[float]:
 
 
 def drive(driver: Driver, seconds: float, until: GateState | None = None, **goal: float) -> Any:
-    """Commands joints of the left hand, by their names behind the side; ends in the state `until`."""
+    """Commands joints of the left hand, by their names behind the side, in each period: on a busy machine a
+    hold ends an order. Ends in the state `until`."""
     arm = driver.native("left_arm")
     orders = [arm.command({f"left_{name}_joint": angle for name, angle in goal.items()})] if goal else []
     for now in driver.ticks(duration=seconds):
         sent = driver.write(driver.gate.step(orders, driver.read().joints, now))
-        orders = []
         if sent.state is until:
             break
     return sent

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from tci.gate.commanded_groups import WayBack
+from tci.gate import WayBack
 from tci.gate.gate import SafeCommand
 from tci.messages.frames import Array
 from tci.wires.naoqi.words import CYCLE

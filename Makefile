@@ -143,14 +143,14 @@ release-check: dev-env  ## build, install the sdist in empty environments, run t
 # Without batch: its mujoco 4.0.0 would hold mujoco-core back at 4.0.0, for all.
 EXTRAS = $(shell $(PYTHON) -c "import tomllib; \
   print(*('--extra ' + one for one in tomllib.load(open('pyproject.toml', 'rb'))['project']['optional-dependencies'] if one != 'batch'))")
-lock:  ## renew requirements/*.txt (needs uv)
-	uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \
+lock: dev-env  ## renew requirements/*.txt
+	$(VENV)/uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \
 	  --extra icub --extra naoqi --extra viewer --no-header pyproject.toml requirements/build.in -o requirements/demo.txt
-	uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \
+	$(VENV)/uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \
 	  $(EXTRAS) --group dev --no-header pyproject.toml -c requirements/demo.txt -o requirements/dev.txt
-	uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \
+	$(VENV)/uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \
 	  --resolution lowest-direct $(EXTRAS) --group dev --no-header pyproject.toml requirements/build.in -o requirements/lowest.txt
-	for peer in requirements/peers/*.in requirements/bench/*.in; do uv pip compile --universal --python-version 3.11 --generate-hashes \
+	for peer in requirements/uv.in requirements/peers/*.in requirements/bench/*.in; do $(VENV)/uv pip compile --universal --python-version 3.11 --generate-hashes \
 	  --index-url https://pypi.org/simple --no-emit-index-url --no-header \
 	  $$(grep -q '^# alone' $$peer && echo --no-deps) $$peer -o $${peer%.in}.txt || exit 1; done
 

@@ -3,7 +3,8 @@
 python3 tools/bootstrap.py REQUIREMENTS
 
 The program uses only the standard library. Debian's python3 lacks ensurepip and pip. In this case the program
-downloads a fixed version of pip from PyPI and checks its hash. A second run installs nothing.
+downloads a fixed version of pip from PyPI and checks its hash. pip installs uv, and uv all else. A second run
+installs nothing.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ PYTHON = VENV / "bin" / "python"
 PIP = VENV / "bin" / "pip"
 """File that is created last. If the file is missing, or the Python of the environment no longer exists, the
 environment is created again."""
+UV = VENV / "bin" / "uv"
+UV_LOCK = ROOT / "requirements" / "uv.txt"
 PIP_INDEX = "https://pypi.org/simple/pip/"
 PIP_WHEEL = "pip-26.3-py3-none-any.whl"
 PIP_SHA256 = "f3b60b20ffaadd4415ed7957212a38ac63fa4c5fa375bd0f4a797777940fad13"
@@ -40,11 +43,26 @@ def main() -> None:
         return
     if not whole:
         make_venv()
-    print(f"installing {lock.relative_to(ROOT)} into .venv (the first time takes a minute)", flush=True)
-    pip("install", "--require-hashes", "--requirement", str(lock))
+    if not UV.exists():
+        pip_quietly = [str(PYTHON), "-m", "pip", "--disable-pip-version-check", "install", "--quiet"]
+        wheel = ["--only-binary", ":all:", "--require-hashes", "--requirement", str(UV_LOCK)]
+        subprocess.run([*pip_quietly, *wheel], check=False)
+    print(f"installing {lock.relative_to(ROOT)} into .venv", flush=True)
+    install(PYTHON, "--require-hashes", "--requirement", str(lock))
     pip("uninstall", "--yes", "tci")  # the name of the distribution until PyPI had it
-    pip("install", "--no-deps", "--no-build-isolation", "--editable", str(ROOT))
+    install(PYTHON, "--no-deps", "--no-build-isolation", "--editable", str(ROOT))
     stamp.write_text(state)
+
+
+def install(python: Path, *arguments: str) -> None:
+    """Installs into the environment of `python`: with uv, in a tenth of pip's time; with pip where uv can't,
+    since it does not read pip's settings, such as an index of one's own."""
+    quiet = [] if sys.stdout.isatty() else ["--quiet"]
+    command = [str(UV), "pip", "install", "--system-certs", *quiet, "--python", str(python), *arguments]
+    if UV.exists() and subprocess.run(command, cwd=ROOT, check=False).returncode == 0:
+        return
+    print("uv can't: installing with pip, which takes some minutes", flush=True)
+    pip("--python", str(python), "install", *arguments)
 
 
 def make_venv() -> None:

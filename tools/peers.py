@@ -16,6 +16,8 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import bootstrap
+
 ROOT = Path(__file__).resolve().parent.parent
 LIST = ROOT / "requirements" / "debian.txt"
 PEERS = ROOT / "requirements" / "peers"
@@ -59,20 +61,8 @@ def install_python(lock: Path) -> None:
     print(f"installing {lock.relative_to(ROOT)} into {folder.relative_to(ROOT)}", flush=True)
     own = str(ROOT / ".venv" / "bin" / "python")
     subprocess.run([own, "-m", "venv", "--clear", "--without-pip", str(folder)], check=True)
-    pip = [
-        own,
-        "-m",
-        "pip",
-        "--disable-pip-version-check",
-        "--quiet",
-        "--python",
-        str(folder / "bin" / "python"),
-    ]
     alone = ["--no-deps"] if lock.with_suffix(".in").read_text().startswith("# alone") else []
-    command = [*pip, "install", *alone, "--require-hashes", "--requirement", str(lock)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise SystemExit(f"can't install {lock.relative_to(ROOT)}:\n{done.stderr}")
+    bootstrap.install(folder / "bin" / "python", *alone, "--require-hashes", "--requirement", str(lock))
     stamp.write_text(state)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import tci
-from helpers.gentled import Go, _angles, _skin
+from helpers.gentled import Go, angles_of, skin_at
 from helpers.taught import off
 from tci.capabilities import FingerReflex, Sway
 from tci.lab.authoring.proposal import propose
@@ -130,7 +130,7 @@ def test_a_finger_on_its_way_gives_way_to_a_person_and_then_goes_on(cap: float, 
     robot = tci.load_robot("allegro")
     start, bends = robot.part(part).initial_posture, np.arange(10) == 3
     meets, goal = start + np.deg2rad(12.0) * bends, start + np.deg2rad(30.0) * bends
-    positions, normals = _skin(Skin(robot), tip, _angles(robot, part, meets))
+    positions, normals = skin_at(Skin(robot), tip, angles_of(robot, part, meets))
     rows: list[tuple[float, float]] = []
     person = Obstacle(name="person", stiffness=stiffness, radius=radius)
     with tci.connect(robot, "sim", rate=100.0, obstacles=[person]) as driver:
@@ -151,5 +151,5 @@ def test_a_finger_on_its_way_gives_way_to_a_person_and_then_goes_on(cap: float, 
     first = times[met][0]
     assert forces.max() <= 27.0
     assert forces[times > first + 1.0].max() <= 1.1 * cap
-    assert np.degrees(np.abs(end - _angles(robot, part, goal)).max()) < 2.0
+    assert np.degrees(np.abs(end - angles_of(robot, part, goal)).max()) < 2.0
     assert result.state.name == "RUN"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 import tci
+from helpers import taught
 from helpers.taught import ends_with_a_tap, guide, hands_apart
 from tci.capabilities import ArbiterMemory, Companion, Feel, Layer, Motion
 from tci.capabilities.teach.guide import guided
@@ -17,6 +19,7 @@ from tci.errors import CommandError, TciError
 from tci.gestures import Gesture, fit, read_csv
 from tci.messages import ExpectContact, GenericCommand, Mode, SwitchMode
 from tci.messages.frames import Array
+from tci.runtime.loop import Tick, run
 from tci.testing import TouchedRobot
 
 
@@ -38,10 +41,23 @@ def test_a_guided_arm_goes_along_lightly_and_repeats_it(name: str, seed: int, ot
     assert hands_apart(seen.gesture, name, other) <= 10.0
 
 
-def test_a_hand_that_pushes_an_arm_on_beside_its_body_stops_no_robot() -> None:
+def test_a_hand_that_pushes_an_arm_on_beside_its_body_stops_no_robot(monkeypatch: pytest.MonkeyPatch) -> None:
     """The judge counts such a push only if it ended in a stop: a NAO's did, since its motor gave in."""
-    seen = guide("nao", 2001, repeat=False)
-    assert seen is None or seen.state == "RUN"
+    pushes, states = [0.0], []
+
+    def watched(driver: tci.Driver, *given: Any, observe: Callable[[Tick], None], **named: Any) -> Any:
+        def see(tick: Tick) -> None:
+            pushes.extend(one.force for one in tick.perception.contacts)
+            observe(tick)
+
+        result = run(driver, *given, observe=see, **named)
+        states.append(result.state.name)
+        return result
+
+    monkeypatch.setattr(taught, "run", watched)
+    guide("nao", 2001, repeat=False)
+    assert max(pushes) > 15.0, "somebody pushes harder than the arm handles"
+    assert states == ["RUN"]
 
 
 def test_nobody_is_pressed_harder_by_a_guided_arm() -> None:

@@ -73,12 +73,26 @@ class Pushed:
         return float(self.into @ ahead)
 
 
-def test_whoever_leads_an_arm_too_hard_is_given_way_to_and_never_pushed_back() -> None:
+def guided(asked: float) -> Pushed:
+    """An arm that went at the speed `asked` [m/s] into a hand, for 0.4 s."""
     arm = Pushed()
     for _ in range(5):
         arm.step(0.0)
     for _ in range(40):
-        arm.step(8.0, asked=-SPEED)
+        arm.step(8.0, asked=asked)
+    return arm
+
+
+def pushed_on() -> Pushed:
+    """An arm that went along with a hand, which then pushed it on, harder than the capability handles."""
+    arm = guided(-SPEED)
+    for _ in range(20):
+        arm.step(HARD, pushed=SPEED * PERIOD)
+    return arm
+
+
+def test_whoever_leads_an_arm_too_hard_is_given_way_to_and_never_pushed_back() -> None:
+    arm = guided(-SPEED)
     led = arm.here
     assert led < -0.02
     most = max(arm.step(HARD, pushed=SPEED * PERIOD) for _ in range(40))
@@ -94,11 +108,7 @@ def test_whoever_leads_an_arm_too_hard_is_given_way_to_and_never_pushed_back() -
 
 def test_an_arm_that_went_into_somebody_goes_back_as_ever() -> None:
     """Also if a capability declared the contact: nobody led it there."""
-    arm = Pushed()
-    for _ in range(5):
-        arm.step(0.0)
-    for _ in range(40):
-        arm.step(8.0, asked=SPEED)
+    arm = guided(SPEED)
     went = arm.here
     assert went > 0.02
     for _ in range(60):
@@ -108,13 +118,7 @@ def test_an_arm_that_went_into_somebody_goes_back_as_ever() -> None:
 
 
 def test_an_arm_that_was_led_and_then_goes_into_the_same_hand_goes_back() -> None:
-    arm = Pushed()
-    for _ in range(5):
-        arm.step(0.0)
-    for _ in range(40):
-        arm.step(8.0, asked=-SPEED)
-    for _ in range(20):
-        arm.step(HARD, pushed=SPEED * PERIOD)
+    arm = pushed_on()
     assert "soft" in arm.answers
     for _ in range(60):
         arm.step(8.0, asked=SPEED)
@@ -129,13 +133,7 @@ def test_an_arm_that_was_led_and_creeps_into_the_hand_leaves_it_and_is_not_led_b
 ) -> None:
     """The hand, of 20 N/mm, stands where it led the arm to. It got 270 N from an arm that crept, and 1100 N
     from one whose way back ended where it had been led from."""
-    arm = Pushed()
-    for _ in range(5):
-        arm.step(0.0)
-    for _ in range(40):
-        arm.step(8.0, asked=-SPEED)
-    for _ in range(20):
-        arm.step(HARD, pushed=SPEED * PERIOD)
+    arm = pushed_on()
     there, force, forces = arm.here, 20.0, list[float]()
     for _ in range(400):
         arm.step(force, asked=speed)

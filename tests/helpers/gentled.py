@@ -94,10 +94,10 @@ def meet(
     patches = [one for one in robot.skin if one.part == part and one.segment]
     patch = patches[int(random.integers(len(patches)))]
     share, rate = random.uniform(0.3, 0.6), float(random.choice([100.0, 500.0]))
-    angles = _angles(robot, part, start)
+    angles = angles_of(robot, part, start)
     skin = Skin(robot)
-    before, normals = _skin(skin, patch.name, _angles(robot, part, start + share * (goal - start)))
-    after, _ = _skin(skin, patch.name, _angles(robot, part, start + (share + 0.02) * (goal - start)))
+    before, normals = skin_at(skin, patch.name, angles_of(robot, part, start + share * (goal - start)))
+    after, _ = skin_at(skin, patch.name, angles_of(robot, part, start + (share + 0.02) * (goal - start)))
     moved = after - before
     ahead = (moved * normals).sum(axis=1)
     first = np.flatnonzero(ahead > 0.8 * np.linalg.norm(moved, axis=1).max())
@@ -167,7 +167,7 @@ def _closing(path: list[tuple[float, Array, Array]], away: Array) -> float:
     return float(away @ (recent[-1][1] - recent[0][1])) / (recent[-1][0] - recent[0][0])
 
 
-def _angles(robot: tci.Robot, part: str, generic: Array) -> Array:
+def angles_of(robot: tci.Robot, part: str, generic: Array) -> Array:
     angles, joints = np.array(initial_position(robot)), joint_map(robot, part)
     angles[joints.servos] = joints.to_robot(generic, angles)
     for servo in robot.servos:
@@ -177,6 +177,6 @@ def _angles(robot: tci.Robot, part: str, generic: Array) -> Array:
     return angles
 
 
-def _skin(skin: Skin, patch: str, angles: Array) -> tuple[Array, Array]:
+def skin_at(skin: Skin, patch: str, angles: Array) -> tuple[Array, Array]:
     joints = JointReading(0.0, 0, read_only(angles), read_only(np.zeros(len(angles))))
     return skin.positions(patch, joints, frame="torso"), skin.normals(patch, joints, frame="torso")

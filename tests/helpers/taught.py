@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 import tci
-from helpers.gentled import _angles, _skin
+from helpers.gentled import angles_of, skin_at
 from helpers.rigid_robot import AWAY, ROBOT, STEP, Person, RigidDriver, RigidRobot
 from tci.gestures import Gesture, fit
 from tci.messages import JointReading
@@ -244,7 +244,7 @@ def guide(
     part = str(random.choice(arms))
     other = next((one for one in arms if one != part), part)
     start = np.deg2rad(random.uniform([0, 15, -20, 40, -20], [50, 50, 20, 90, 20]))
-    angles = _angles(robot, part, start)
+    angles = angles_of(robot, part, start)
     rate = float(random.choice([100.0, 500.0]))
     pad = float(np.exp(random.uniform(np.log(800.0), np.log(2000.0))))
     plant = GuidedRobot(
@@ -320,7 +320,7 @@ def _place(plant: GuidedRobot, part: str, random: np.random.Generator) -> tuple[
     skin, chain = Skin(robot), KinematicChain(robot)
     while True:
         patch = patches[int(random.integers(len(patches)))]
-        positions, normals = _skin(skin, patch.name, angles)
+        positions, normals = skin_at(skin, patch.name, angles)
         taxel = int(random.integers(len(positions)))
         T_TL = chain.poses(angles, [patch.link])[patch.link]
         back = T_TL[:3, :3].T

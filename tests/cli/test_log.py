@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 from typer.testing import CliRunner
 
 from helpers.command_line import tci
@@ -14,6 +15,7 @@ from tci.cli.main import app
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.recording.recorder import Recorder
 from tci.recording.recording import Recording
+from tci.testing import FakeDriver
 
 
 def test_record_look_cut_export_and_replay(tmp_path: Path) -> None:
@@ -79,6 +81,31 @@ def test_an_export_says_why_it_has_no_forces(tmp_path: Path) -> None:
 
 def test_record_a_robot_that_nobody_commands(tmp_path: Path) -> None:
     path = str(tmp_path / "rest.mcap")
-    assert json.loads(tci("record", path, "nao", "--duration", "0.1", "--json"))["periods"] == 50
+    told = json.loads(tci("record", path, "nao", "--duration", "0.1", "--json"))
+    assert (told["periods"], told["missed"]) == (50, 0)
     assert "exists" in tci("record", path, "nao", status=1)
     assert "the recording has none" in tci("run", "withdrawal", "nao", "--via", f"replay:{path}")
+
+
+@pytest.mark.parametrize("words", [(), ("--json",)])
+def test_periods_that_a_recording_missed_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+) -> None:
+    class Stands(FakeDriver):
+        """Its tenth reading comes a tenth of a second late."""
+
+        count = 0
+
+        def read(self) -> Reading:
+            self.count += 1
+            if self.count == 10:
+                self.clock.sleep_until(self.clock.now() + 0.1)
+            return super().read()
+
+    monkeypatch.setattr("tci.drivers.registry.connect", lambda robot, *a, **k: Stands(robot, rate=100.0))
+    told = tci("record", str(tmp_path / "a.mcap"), "nao", "--duration", "0.5", *words)
+    if words:
+        assert json.loads(told)["periods"] + json.loads(told)["missed"] == 50
+        assert 9 <= json.loads(told)["missed"] <= 10
+    else:
+        assert any(f"{n} missed" in told for n in (9, 10))

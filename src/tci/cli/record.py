@@ -10,6 +10,7 @@ from tci.cli.options import AsJson, Duration, NewRecording, RobotName, Task, Via
 
 if TYPE_CHECKING:
     from tci.recording.recorder import Recorder
+    from tci.runtime.loop_report import LoopReport
 
 
 def record(
@@ -32,7 +33,9 @@ def record(
     from tci.drivers.registry import connect
     from tci.robot.catalogue import load_robot
     from tci.runtime.control import Control
+    from tci.runtime.loop_report import LoopReport
 
+    report = LoopReport()
     with (
         connect(load_robot(robot), via, arm=False) as driver,
         recorder_for(file, driver, via, {}, task=task) as recorder,
@@ -42,24 +45,26 @@ def record(
             console.print(words, highlight=False, markup=False)
         with suppress(KeyboardInterrupt):
             body = GenericBody(driver.robot) if driver.robot.model is not None else None
-            for moment in Control(driver, body, write=False).periods(duration=duration):
+            control = Control(driver, body, write=False, report=report)
+            for moment in control.periods(duration=duration):
                 recorder.tick(moment.now, moment.reading, perception=moment.perception)
                 if recorder.failed:
                     break
-    print_recording(recorder, as_json=as_json)
+    print_recording(recorder, report, as_json=as_json)
     if recorder.failed:
         raise SystemExit(1)
 
 
-def print_recording(recorder: Recorder, *, as_json: bool) -> None:
-    """Prints the path, the number of periods and the size of a recording. If recording failed, prints the
-    reason."""
+def print_recording(recorder: Recorder, report: LoopReport, *, as_json: bool) -> None:
+    """Prints the path, the number of periods, those that the loop missed, and the size of a recording. If
+    recording failed, prints the reason."""
     if as_json:
-        print_json(recorder.to_json())
+        print_json({**recorder.to_json(), "missed": report.missed})
     elif recorder.failed:
         words = f"{recorder.path}: {recorder.ticks} periods, {recorder.failed}"
         console.print(words, style="red", highlight=False, markup=False)
     else:
         size = recorder.path.stat().st_size
-        words = f"{recorder.path}: {recorder.ticks} periods, {size / 1e6:.2f} MB"
+        missed = f"{report.missed} missed, " if report.missed else ""
+        words = f"{recorder.path}: {recorder.ticks} periods, {missed}{size / 1e6:.2f} MB"
         console.print(words, highlight=False, markup=False)

@@ -40,7 +40,9 @@ class Statistics:
 
     def result(self) -> dict[str, NDArray[Any]]:
         kept = np.concatenate(self._kept).astype(np.float64)
-        found = np.quantile(kept, list(QUANTILES.values()), axis=0)
+        found = np.repeat(self._least[None], len(QUANTILES), axis=0)
+        changes = self._least < self._most  # most taxels are never touched
+        found[:, changes] = np.quantile(kept[:, changes], list(QUANTILES.values()), axis=0)
         return {
             "min": self._least,
             "max": self._most,

@@ -122,12 +122,16 @@ lerobot:  ## genuine LeRobot 0.4.4 records robots of TCI, trains ACT on sets and
 	@.lerobot/bin/python tools/with_lerobot.py --robots nao --via zenoh --out "$(OUT)/lerobot-zenoh"
 	@.lerobot/bin/python tools/act.py --out "$(OUT)/act"
 
-# FTP-1 is on no package index: FTP1 is a folder with its repository.
+# FTP-1 is on no package index: FTP1 is a folder with its repository. This is a copy of
+# michaelyuancb/ftp1-policy, at the commit whose ReplayBuffer was tried.
 FTP1 ?= .ftp1/ftp1-policy
+FTP1_FROM ?= https://github.com/shiwan-debug/ftp1-policy
+FTP1_COMMIT := c0b3b6603a291b64c421a8f890f157d6c455e6ae
 ftp1: dev-env  ## FTP-1's own ReplayBuffer opens sets that TCI wrote, in .ftp1 (FTP1=CLONE, else it is cloned from GitHub)
 	@$(PYTHON) -m venv .ftp1
 	@.ftp1/bin/python -m pip install --quiet --require-hashes --requirement requirements/peers/zarr3.txt
-	@test -d "$(FTP1)" || git clone --quiet --depth 1 https://github.com/michaelyuancb/ftp1-policy "$(FTP1)"
+	@test -e "$(FTP1)/src/openpi/replay_buffer.py" || { git init --quiet "$(FTP1)" && \
+	  git -C "$(FTP1)" fetch --quiet --depth 1 "$(FTP1_FROM)" $(FTP1_COMMIT) && git -C "$(FTP1)" checkout --quiet FETCH_HEAD; }
 	@$(VENV)/python tools/with_ftp1.py "$(FTP1)" .ftp1/bin/python --out "$(OUT)/ftp1"
 
 mjlab: dev-env  ## the skin as force sensor in genuine mjlab 1.6.0: its G1 in 4 worlds, in .mjlab (PyTorch, MuJoCo 3.11); compared with TCI's skin

@@ -60,7 +60,7 @@ def episodes(file: str, robot: str, count: int, trained: float) -> None:
     the gain in many worlds, `trained`, is left here."""
     policy, spec = read_policy(file)
     env = TouchEnv(robot, policy=spec)
-    returns = list[float]()
+    returns, found = list[float](), list[Any]()
     acts: dict[str, Callable[[Any], Any]] = {
         "standing still": lambda seen: np.zeros(len(spec.joints)),
         "the reflex": lambda seen: env.baseline(),
@@ -69,14 +69,21 @@ def episodes(file: str, robot: str, count: int, trained: float) -> None:
     for name, act in acts.items():
         rows = np.array([episode(env, HELD_OUT + n, act) for n in range(count)])
         returns.append(float(rows[:, 0].mean()))
-        mean, wide = rows.mean(axis=0), 1.96 * rows.std(axis=0) / np.sqrt(count)
-        told = zip(("return", "harm", "peak [N]"), mean, wide, strict=False)
-        words = ", ".join(f"{what} {here:.4f} +- {half:.4f}" for what, here, half in told)
+        found.append(rows)
+        words = means(rows)
         before, left = np.rad2deg(rows[:, 3].max()), int(rows[:, 4].sum())
         print(f"{robot}, {name}: {words}; left {left} of {count}; {before:.2f} degrees before", flush=True)
+    print(f"{robot}, the policy less the reflex in the same episodes: {means(found[2] - found[1])}")
     print(
         f"{robot}: the policy keeps {(returns[2] - returns[0]) / trained:.0%} of its gain over standing still"
     )
+
+
+def means(rows: Any) -> str:
+    """Means of the first columns over episodes, with 95 % intervals."""
+    mean, wide = rows.mean(axis=0), 1.96 * rows.std(axis=0) / np.sqrt(len(rows))
+    told = zip(("return", "harm", "peak [N]"), mean, wide, strict=False)
+    return ", ".join(f"{what} {here:.4f} +- {half:.4f}" for what, here, half in told)
 
 
 def episode(env: TouchEnv, seed: int, act: Callable[[Any], Any]) -> tuple[float, ...]:
@@ -118,7 +125,7 @@ class Judge:
     """Judges one touch after the other from what the physics says."""
 
     def __init__(self) -> None:
-        self.touches = self.left = self.refused = self.orders = self.clamped = 0
+        self.touches = self.left = self.refused = self.orders = self.clamped = self.overtaken = 0
         self.home: Any = None
         self.before = 0.0
         """Largest motion [rad] while nothing touched."""
@@ -132,6 +139,7 @@ class Judge:
         force = finger.force
         self.refused += len(tick.sent.refusals)
         self.orders += len(tick.sent.orders)
+        self.overtaken += sum(one.code is Code.OVERTAKEN for one in tick.sent.clamped)
         self.clamped += bool(tick.sent.orders) and any(one.code is Code.CLAMPED for one in tick.sent.clamped)
         if not self.looks:
             return
@@ -151,7 +159,8 @@ class Judge:
         degrees = np.rad2deg(self.before)
         return (
             f"left {self.left} of {self.touches}, {degrees:.2f} degrees before; of {self.orders} orders "
-            f"{self.refused} refused, {self.clamped} clamped"
+            f"{self.refused} refused, {self.clamped} clamped, {self.overtaken} on their way while their part "
+            "met something"
         )
 
 
@@ -183,6 +192,7 @@ def _served(robot: str, via: str, count: int, told: Any) -> None:
                 due = tick.now + RESTS
                 judge.restart(looks=False)
                 if judge.touches == count:
+                    judge.overtaken += server.overtaken
                     told.put(judge)
             elif tick.now >= due:
                 poke(driver, chance)

@@ -102,6 +102,9 @@ class Code(IntEnum):
     SWITCHES_AT_REST = 512
     """A moving servo is braked, and changes its control mode when it rests."""
 
+    OVERTAKEN = 514
+    """An order came while its part met something, so its sender could not know: it ended with the motion."""
+
     OTHER_COMMANDER = 600
     """Another process commands these joints."""
     COMMANDER_SILENT = 601

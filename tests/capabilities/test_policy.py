@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -173,6 +174,34 @@ def test_it_gives_way_to_the_gate_where_it_pushes() -> None:
     assert result.went_back, "it pushes"
     assert parts == {"left_arm", "left_hand"}, "they move together, and each is named"
     assert sum(notice.count for notice in result.refusals) <= 1, "that of the instant"
+
+
+class Ahead(tci.CapabilityWrapper[Any]):
+    """Lives three times faster than the robot, as beside a simulation on a busy machine."""
+
+    def step(self, memory: Any, perception: tci.Perception, body: tci.GenericBody) -> Any:
+        return super().step(memory, replace(perception, stamp=3.0 * perception.stamp), body)
+
+
+def test_the_robots_clock_says_when_it_may_go_on() -> None:
+    """The gate obeys again half a second after a contact, of the robot's time."""
+    push = tci.PolicyCapability(lambda seen: [0, 0, 0, 0.9 * (seen[14] > 0.01 or abs(seen[3]) > 0.05), 0])
+    ordered, away = list[float](), list[float]()
+
+    with tci.connect("g1") as driver:
+        finger = driver.world.finger
+        finger.poke("left_forearm", 100)
+
+        def see(tick: tci.Tick) -> None:
+            ordered.extend(tick.now for order in tick.sent.orders)
+            away.extend(tick.now for one in tick.sent.met if one.answer == "retreat")
+            if away and tick.now > away[0] + 0.1 and finger.pose is not None:
+                finger.retire()
+
+        result = tci.run(driver, Ahead(push), duration=1.5, observe=see)
+    assert away, "it pushes"
+    assert sum(notice.count for notice in result.refusals) <= 1, "that of the instant"
+    assert max(ordered) > away[0] + 0.5, "it goes on"
 
 
 def test_while_the_robot_is_held_it_waits_and_then_goes_on() -> None:

@@ -231,3 +231,24 @@ def test_33_a_crowd_is_bounded(robot: Robot) -> None:
         robot.say(client, aim(2))
     robot.tick()
     assert len(robot.commanders.states()) == MOST_COMMANDERS
+
+
+def test_an_order_that_was_on_its_way_while_its_part_met_something_is_no_refusal_of_the_gate(
+    robot: Robot,
+) -> None:
+    """Its sender is told, and one that saw the contact is refused by the gate."""
+    seen = robot.clock.now()
+    robot.clock.advance(0.005)
+    sent = robot.tick()
+    robot.commanders.decided(sent, {2})
+    robot.say(1, aim(2), seen=seen)
+    robot.say(2, aim(6), seen=seen)
+    assert [order.servos.tolist() for order in robot.tick().orders] == [[6]]
+    (first, second), told = robot.commanders.states(), robot.commanders.overtaken
+    assert (first.refused, second.refused, told) == (1, 0, 1)
+    assert first.reason is not None
+    assert first.reason.code is Code.OVERTAKEN
+    robot.commanders.decided(sent, {2})
+    robot.clock.advance(0.005)
+    robot.say(1, aim(2), first=2)
+    assert [order.servos.tolist() for order in robot.tick().orders] == [[2]], "it is for the gate to say"

@@ -132,3 +132,45 @@ def test_nobody_waits_for_an_arm_that_lies_on_a_thing() -> None:
     left.goal = None
     waiting.look({}, HOME, turns)
     assert not waiting.servos
+
+
+def test_whoever_obeys_nobody_is_told_until_it_obeys_again() -> None:
+    """Clients can't count the half second after a contact themselves: a simulated robot may be slow."""
+    robot = meets({"r_elbow": 25.0})
+    for n in range(120):
+        told = {one.part for one in robot.gate.met if one.answer in ("retreat", "waits")}
+        robot.refused.clear()
+        # far apart in time, so that no stream is refused; the contact ends in period 20
+        robot.step(
+            *([robot.order(l_elbow=24.0)] if n % 30 == 29 else []),
+            contacts=felt(20.0 if n < 20 else 0.0, HAND),
+        )
+        if n % 30 == 29:
+            assert robot.refused == ([Code.CONTACT] if "left_arm" in told else [])
+        assert "left_arm" in told or n > 60
+    assert "left_arm" not in told
+
+
+def test_an_order_at_the_instant_of_a_contact_is_told_and_no_refusal() -> None:
+    """Nobody could know; it ends as the motion does that it would have changed."""
+    robot, nobody = Robot(), felt(0.0, HAND)
+    robot.step(robot.order(l_elbow=25.0), contacts=nobody)
+    for _ in range(15):
+        robot.step(contacts=nobody)
+    order = robot.order(l_elbow=40.0)
+    for _ in range(10):
+        safe = robot.gate.step(
+            [order], reading(robot.angles, robot.now), robot.now, contacts=felt(20.0, HAND)
+        )
+        robot.angles[safe.servos] = safe.position
+        robot.now += PERIOD
+        if any(one.code is Code.CONTACT for one in safe.clamped):
+            break
+        assert safe.orders == (order,)
+    assert not safe.orders
+    assert not safe.refusals
+    ((refused, why),) = safe.refused
+    assert (refused is order, why.code) == (True, Code.OVERTAKEN)
+    assert why in safe.clamped
+    robot.step(robot.order(l_elbow=40.0), contacts=felt(20.0, HAND))
+    assert robot.refused == [Code.CONTACT], "now everybody knows"

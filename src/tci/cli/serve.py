@@ -140,6 +140,7 @@ def serve(
                 "state": state.value,
                 "orders": served.orders,
                 "refusals": dict(served.refusals.counts),
+                "overtaken": server.overtaken,
                 "loop": report.to_json(),
                 "speed": pace.speed(),
                 **({} if asked is None else asked.to_json(driver)),
@@ -147,8 +148,10 @@ def serve(
         )
     else:
         refused = sum(served.refusals.counts.values())
+        late = f", {server.overtaken} came as their part met something" if server.overtaken else ""
         console.print(
-            f"{report.ticks} periods, {served.orders} orders, {refused} refused; at the end {state.name}",
+            f"{report.ticks} periods, {served.orders} orders, {refused} refused{late}; "
+            f"at the end {state.name}",
             highlight=False,
         )
         if pace.late > 0.0:

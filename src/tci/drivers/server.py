@@ -60,6 +60,12 @@ class Server(ABC):
         was refused before it reached the gate. Refusals by the gate are in the argument `sent` of `publish`.
         """
 
+    @property
+    def overtaken(self) -> int:
+        """Number of orders that did not reach the gate, since their part met something while they were on
+        their way; their senders were told."""
+        return 0
+
     def fault(self) -> Reason | None:
         """Returns a reason if the robot must hold, for example because a commander sends no messages.
         Otherwise returns None."""

@@ -109,6 +109,7 @@ class Gate:
         self._stopped: Reason | None = None
         self._held: Reason | None = None
         self._told: list[Reason] = []
+        self._fresh = frozenset[int]()
         self._met: tuple[Met, ...] = ()
         self._loads: dict[str, Tool] = {}
         self._pace = Pace(robot.name, period)
@@ -251,9 +252,9 @@ class Gate:
 
     @property
     def met(self) -> tuple[Met, ...]:
-        """Contacts that this gate noticed in its last step; of a gate that doesn't answer contact, what the
-        driver told of the one that does."""
-        return self._met if self._contact is None else self._contact.met
+        """Contacts that this gate noticed in its last step, and parts that obey nobody yet; of a gate that
+        doesn't answer contact, what the driver told of the one that does."""
+        return self._met if self._contact is None else self._contact.met + self._contact.waiting
 
     def tell_met(self, met: Sequence[Met]) -> None:
         """Says what the gate of the robot's process noticed. Without effect on a gate that answers contact
@@ -285,7 +286,7 @@ class Gate:
             raise CommandError("this gate does not answer contact; valid: the gate that owns the robot")
         if self._stopped is not None and self._stopped.code in UNFIT:
             raise CommandError(f"no way is known: {self._stopped}; valid: free the person by hand")
-        if not self.met:
+        if not self._contact.met:
             raise CommandError("nothing is in contact; valid: free when SafeCommand.met names a part")
         self._contact.free()
 
@@ -350,7 +351,12 @@ class Gate:
                 if self._contact is not None and (
                     why := self._contact.refuses(command, joints.position, now)
                 ):
-                    raise CommandError(why, code=Code.CONTACT)
+                    if self._fresh.isdisjoint(np.ravel(command.servos).tolist()):
+                        raise CommandError(why, code=Code.CONTACT)
+                    overtaken = Reason(Code.OVERTAKEN, f"an order came at that instant: {why}")
+                    clamped.append(overtaken)
+                    refused_orders.append((command, overtaken))
+                    continue
                 clamped += self._motion.accept(command, now)
                 if self._contact is not None:
                     self._contact.accepted(command, now)
@@ -434,7 +440,7 @@ class Gate:
     def _answer(self, joints: JointReading, now: float, contacts: Contacts | None) -> Sequence[Way]:
         """Judges contacts; returns where servos must go, also in the state STOP: a person is freed whatever
         the cause of the stop, unless the joint data can't be trusted."""
-        self._told = []
+        self._told, self._fresh, before = [], frozenset(), self.disobey
         if self._contact is None:
             return ()
         if self._stopped is not None and self._stopped.code in UNFIT:
@@ -444,11 +450,17 @@ class Gate:
             self._contact.forget()
             return ()
         ways, self._told = self._contact.step(joints, self._reference, now, contacts)
+        self._fresh = self.disobey - before
         if self._contact.reason is not None:
             self.stop(self._contact.reason)
         if self._stopped is None:
             self._motion.soften(self._contact.give_back(joints, self._reference.servos, now))
         return ways
+
+    @property
+    def disobey(self) -> frozenset[int]:
+        """Servos that obey nobody now, since their part leaves a contact or waits for one that does."""
+        return frozenset() if self._contact is None else self._contact.blocked | self._contact.waits
 
     @property
     def _blocked(self) -> frozenset[int]:

@@ -66,8 +66,9 @@ class SafeCommand:
     """New damping of the servos that got a damping command in this step, by servo index: a fraction (0..1) of
     full damping."""
     clamped: tuple[Reason, ...]
-    """Reasons for values that were clamped (code CLAMPED), for motions that were ended (code SELF_COLLISION),
-    and for changes of mode that wait until the servos rest (code SWITCHES_AT_REST)."""
+    """Reasons for values that were clamped (code CLAMPED), for motions that were ended (code SELF_COLLISION;
+    OVERTAKEN for orders that came while their part met something), and for changes of mode that wait until
+    the servos rest (code SWITCHES_AT_REST)."""
     refusals: tuple[Reason, ...]
     """Reasons why commands were refused in this step."""
     reason: Reason | None = None
@@ -79,8 +80,9 @@ class SafeCommand:
     """Orders that were accepted in this step. A driver that is connected to another TCI process sends these
     orders to that process instead of positions, because the gate of that process plans the motion."""
     refused: tuple[tuple[PlatformOrder, Reason], ...] = ()
-    """Orders that were refused in this step, each with its reason, which is in `refusals` too. A switch that
-    waited for rest, or a command after it, may be refused later than it was accepted."""
+    """Orders that were refused in this step, each with its reason, which is in `refusals` too; in `clamped`
+    if it was overtaken. A switch that waited for rest, or a command after it, may be refused later than it
+    was accepted."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.seal, GateToken):

@@ -5,15 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-Answer = Literal["told", "expected", "soft", "retreat", "stop"]
+Answer = Literal["told", "expected", "soft", "retreat", "stop", "waits"]
 """What the gate does about a contact: it only tells it, leaves it to the capability that expected it, gives
-way, goes back, or stops the part."""
+way, goes back, or stops the part. A part that "waits" is in no contact, but obeys nobody yet: its own was
+over less than half a second ago, or it could press somebody whom another part leaves."""
 ANSWERS: tuple[Answer, ...] = get_args(Answer)
 
 
 @dataclass(frozen=True, slots=True)
 class Met:
-    """A part that is in contact now."""
+    """A part that is in contact now, or that obeys nobody yet."""
 
     part: str
     """The generic part; its robot's own name for servos of none. Parts that move together, such as an arm and

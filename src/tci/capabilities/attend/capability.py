@@ -126,7 +126,9 @@ class Attend(Capability[Attention]):
         carried = body.carried(part)
         touched = dict.fromkeys(one.part for one in perception.contacts if one.patch in carried)
         # what no skin feels, the gate notices at the joints
-        touched |= dict.fromkeys(one.part for one in perception.met if one.part == part)
+        touched |= dict.fromkeys(
+            one.part for one in perception.met if one.part == part and one.answer != "waits"
+        )
         if touched:
             return self._hold(replace(memory, blocked=now), perception, part, tuple(touched))
         if now - memory.blocked < (self.quiet if memory.held else self.delay):

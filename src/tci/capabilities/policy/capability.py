@@ -20,8 +20,6 @@ from tci.errors import TciError
 from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode
 from tci.messages.frames import Array, read_only
 
-QUIET = 0.55
-"""Time [s] without orders after the gate has answered a contact: it refuses them for half a second."""
 STEP = 1e-3
 """Angle [rad] by which a target must differ from the last one to be ordered: less than a servo can do, and
 an arm at rest gets no orders."""
@@ -55,8 +53,6 @@ class PolicyMemory:
     """Values (n,) of the last order; at first `home`, and None after others moved the part."""
     wrong: str = ""
     """Why the part is held; empty if it is not."""
-    free: float = -math.inf
-    """Time [s] from which on the gate takes orders again."""
 
 
 Policies = Mapping[str, PolicyMemory]
@@ -160,13 +156,11 @@ class PolicyCapability(Capability[Policies]):
         return own
 
     def _give_way(self, own: PolicyMemory, part: str, perception: Perception) -> PolicyMemory:
-        """Waits while the robot is held, and while the gate answers a contact of the part."""
+        """Waits while the robot is held, and until the gate takes orders to the part again."""
         now = perception.stamp
         if perception.held is not None:
             return replace(own, asked=None, ask=now, actions=None, wrong=str(perception.held))
-        if any(met.part == part and met.answer not in ("told", "expected") for met in perception.met):
-            own = replace(own, free=now + QUIET)
-        if now >= own.free:
+        if all(met.part != part or met.answer in ("told", "expected") for met in perception.met):
             return own
         return replace(own, asked=None, ask=now, actions=None, wrong="it met something, and gives way")
 

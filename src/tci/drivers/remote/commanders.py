@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 
 from tci.drivers.remote.protocol import MOST_COMMANDERS, MOST_ORDERS, MOST_WORDS, Commander, Orders
@@ -59,10 +59,16 @@ class Commanders:
         self._silence = silence
         self._clock = clock
         self._members: dict[int, _Member] = {}
-        self._waiting: deque[tuple[int, int, PlatformOrder]] = deque(maxlen=MOST_ORDERS * MOST_COMMANDERS)
+        self._waiting: deque[tuple[int, int, float, PlatformOrder]] = deque(
+            maxlen=MOST_ORDERS * MOST_COMMANDERS
+        )
         self._taken: list[tuple[int, int, PlatformOrder]] = []
         self._left: Reason | None = None
         self._gone: dict[int, float] = {}
+        self._disobey: dict[int, float] = {}
+        self.overtaken = 0
+        """Number of orders that were on their way while their part met something: their senders had not seen
+        it, and were told."""
         self.rejected = 0
         """Number of rejected messages.
 
@@ -90,7 +96,7 @@ class Commanders:
         for number, order in enumerate(message.orders, start=message.first):
             if number > member.acknowledged:
                 member.acknowledged = number
-                self._waiting.append((message.client, number, order))
+                self._waiting.append((message.client, number, message.seen, order))
         if message.leaving:
             self._gone = {client: seen for client, seen in self._gone.items() if now - seen <= self._silence}
             self._gone[message.client] = message.seen
@@ -118,11 +124,12 @@ class Commanders:
     def take(self) -> list[PlatformOrder]:
         """Returns the orders for the gate, the oldest first.
 
-        Refuses orders for joints that another commander has under command.
+        Refuses orders for joints that another commander has under command, and those that were sent before
+        their sender could see that the joints obey nobody any more.
         """
         self._taken = []
         while self._waiting:
-            client, number, order = self._waiting.popleft()
+            client, number, seen, order = self._waiting.popleft()
             member = self._members.get(client)
             if member is None:
                 continue
@@ -131,6 +138,11 @@ class Commanders:
                 self._refuse(client, number, owner)
                 continue
             member.servos |= wanted
+            if any(seen < self._disobey.get(servo, -math.inf) for servo in wanted):
+                self.overtaken += 1
+                words = "an order was on its way while its part met something"
+                self._refuse(client, number, Reason(Code.OVERTAKEN, words))
+                continue
             self._taken.append((client, number, order))
         return [order for _, _, order in self._taken]
 
@@ -142,9 +154,11 @@ class Commanders:
                 del self._taken[place]
                 return
 
-    def decided(self, sent: SafeCommand) -> None:
-        """Records which orders the gate refused, and why. An order that it had accepted before belongs to the
-        commander of its joints."""
+    def decided(self, sent: SafeCommand, disobey: Collection[int] = ()) -> None:
+        """Records which orders the gate refused, and why, and which servos `disobey` from now on, as the next
+        state says. An order that it had accepted before belongs to the commander of its joints."""
+        now = self._clock()
+        self._disobey = {servo: self._disobey.get(servo, now) for servo in disobey}
         taken = {id(order): (client, number) for client, number, order in self._taken}
         for order, reason in sent.refused:
             if id(order) in taken:

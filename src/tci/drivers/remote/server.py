@@ -42,6 +42,10 @@ class RemoteServer(Server):
         self._shown: dict[str, int] = {}
         self._rivals: set[int] = set()
 
+    @property
+    def overtaken(self) -> int:
+        return self.commanders.overtaken
+
     @abstractmethod
     def _poll(self) -> Iterable[Orders]:
         """Returns the messages of clients that have arrived, at most a fixed number."""
@@ -81,7 +85,7 @@ class RemoteServer(Server):
         self.commanders.refuse(order, reason)
 
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
-        self.commanders.decided(sent)
+        self.commanders.decided(sent, self.driver.gate.disobey)
         self._sequence += 1
         self._show(
             State(

@@ -212,6 +212,17 @@ class ContactReaction:
         return waits.difference(*(one.own for one in self._groups.values() if waits and one.softness.soft))
 
     @property
+    def waiting(self) -> tuple[Met, ...]:
+        """The parts that obey nobody though nothing is met there now."""
+        servos = self.blocked | self._waiting.servos
+        if not servos:
+            return ()
+        groups = (one for one in self._groups.values() if not servos.isdisjoint(one.own))
+        there = {one.part for one in self.met}
+        parts = (part for group in groups for part in group.parts if part not in there)
+        return tuple(Met(part, 0.0, None, 0.0, "waits") for part in parts)
+
+    @property
     def touched(self) -> tuple[str, ...]:
         """Names of the parts that answer a contact which is not over, or are pressed with more than anybody
         expects."""

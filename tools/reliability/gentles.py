@@ -54,9 +54,9 @@ def gentles(full: bool) -> Row:
         f"the goal, the others {np.median(arrives):.1f} s (median), "
         f"{np.max(arrives):.1f} s (slowest) after the partner had left",
         "1 s after the first contact at most the cap and 10 %, or one step of the encoders if that is more; "
-        "contact kept >= 90 % of the time; the first peak predicted within 25 % in 3 of 4; a moving "
+        "contact kept >= 90 % of the time; the first peak predicted, and within 25 % in 3 of 4; a moving "
         "hand's 95th percentile at most the cap and 10 N; the goal reached",
-        not over and not harder and not lost and not away and near >= 0.75 * len(told),
+        not over and not harder and not lost and not away and bool(told) and near >= 0.75 * len(told),
     )
 
 

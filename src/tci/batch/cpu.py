@@ -19,12 +19,14 @@ from tci.messages.contacts import CONTACT, TAXEL
 from tci.messages.frames import Array, frozen
 from tci.simulation.finger import PARKED as FINGER_PARKED
 from tci.simulation.stepping import POKE
+from tci.simulation.touch import skin_geom
 from tci.simulation.world import World
 from tci.skin.kernels.arrays import Clusters, ContactArrays
 from tci.skin.kernels.contacts import SUMMARY
 from tci.skin.tracking import Tracker
 from tci.support.engine import mujoco
 
+ACC, NONE = mujoco.mjtStage.mjSTAGE_ACC.value, mujoco.mjtStage.mjSTAGE_NONE.value
 MOST = 16
 """Contacts of one world at a time."""
 
@@ -43,7 +45,8 @@ class MujocoWorlds(Worlds):
         super().__init__(scene, count)
         world, layout = scene.world, scene.body.layout
         self.batch = Batch(scene.model, count, threads)
-        """MuJoCo's batch, for direct access between two steps."""
+        """MuJoCo's batch, for direct access between two steps. With skin, the contact sensors in its
+        `sensordata` hold values of the world only after a step in which a frame was taken."""
         batch: Any = self.batch
         self._qpos, self._qvel, self._ctrl = batch.qpos, batch.qvel, batch.ctrl
         self._sensors, self._centres, self._turns = batch.sensordata, batch.xpos, batch.xmat
@@ -58,7 +61,7 @@ class MujocoWorlds(Worlds):
         self._every = int(world.servos.ramp_steps)
         shared = world.taxels.arrays
         self._rows = shared[3].copy()
-        self._skins = (
+        skins = (
             self._sensors, self._centres, self._turns, self._rows, *shared[4:8],
             *(np.array(one) for one in shared[8:]),
         )  # fmt: skip
@@ -66,9 +69,9 @@ class MujocoWorlds(Worlds):
         self._force, self._numbers = np.zeros((count, n)), np.zeros((count, p), np.int64)
         self._felt = (
             self._force, np.zeros((count, n), np.int32), np.zeros((count, n)), self._numbers,
-            np.zeros((count, p), np.int64),
+            np.zeros((count, p, 2), np.int64),
         )  # fmt: skip
-        self._clusters = Clusters(
+        clusters = Clusters(
             np.zeros(n), np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(p, np.int64),
             np.zeros(n + 1, np.int32), np.zeros(n, np.int32), np.zeros(n),
         )  # fmt: skip
@@ -76,18 +79,26 @@ class MujocoWorlds(Worlds):
             np.zeros((count, MOST), CONTACT), np.zeros((count, MOST + 1), np.int64),
             np.zeros((count, n), TAXEL), np.zeros(count, np.int64),
         )  # fmt: skip
-        self._links = (
+        links = (
             scene.torso, np.ascontiguousarray(scene.T_LT), scene.bodies, self._centres, self._turns,
         )  # fmt: skip
-        self._work = (
+        work = (
             np.zeros((len(scene.bodies) + 1, 4, 4)), np.zeros(p + 1, np.int64), np.zeros(n, np.int32),
-            np.zeros(n), np.zeros(MOST, SUMMARY),
+            np.zeros(n), np.zeros(MOST, SUMMARY), np.zeros(len(scene.robot.servos)),
         )  # fmt: skip
-        self._limits = scene.body.settings.contacts.limits
-        self._limbs = LimbTables(scene.body)
+        self._limbs, self._before = LimbTables(scene.body), (self._qpos.copy(), self._qvel.copy())
         self._posture = np.zeros((count, len(self._limbs.limbs), ANGLES))
-        self._skin = skin
-        self._before = self._qpos.copy(), self._qvel.copy()
+        self._tables = (
+            skins, layout.arrays, scene.estimates, self._felt,
+            (
+                self._before[0], self._asked, world.servos.drives, self._limbs.weights, self._limbs.limbs,
+                self._posture,
+            ),
+            links, scene.body.settings.contacts.limits, clusters, self._found, work,
+        )  # fmt: skip
+        self._contact_sensors = [scene.model.sensor(skin_geom(name)).id for name in world.surfaces]
+        self._stages = batch.expand("sensor_needstage") if skin else None
+        self._senses = True
         self._shared = -1, self._stamps(), np.zeros(p, np.int64)
         self.reset()
 
@@ -109,6 +120,7 @@ class MujocoWorlds(Worlds):
         if worlds is None:
             self.steps = 0
             self._rows["count"], self._rows["due"], self._shared = -1, 0, (-1, *self._shared[1:])
+            self._due = 0
         self.batch.forward(ids)
 
     def retire(self, worlds: ArrayLike | None = None) -> None:
@@ -128,9 +140,12 @@ class MujocoWorlds(Worlds):
                 sent = self._limiter.step(self._wanted)
                 loops.aim(sent, self.scene.world.servos.top, float(self._every), self._drives, self._asked)
             loops.prepare(time, self._qpos, self._ctrl, self._drives, self._asked, self._pokes)
-            due = self._skin and number >= self._rows["due"].min(initial=number + 1)
+            due = self._stages is not None and number >= self._due
             if due:
-                self._before = self._qpos.copy(), self._qvel.copy()
+                self._before[0][:], self._before[1][:] = self._qpos, self._qvel
+            if self._stages is not None and due != self._senses:  # nobody reads them in other steps
+                self._stages[:, self._contact_sensors] = ACC if due else NONE
+                self._senses = due
             self.batch.step()
             loops.note(time, self._sensors, self._pokes, self._row)
             self.steps = number + 1
@@ -140,21 +155,17 @@ class MujocoWorlds(Worlds):
     def _feel(self, number: int) -> None:
         """Takes the frames that are due at the beginning of a step, which is over now; the joints were at
         `_before`."""
-        layout, estimates = self.scene.body.layout.arrays, self.scene.estimates
-        full = loops.feel(number, self._skins, layout, estimates, self._felt)
-        if full > 0:
-            raise TciError(f"world {full - 1}: too many contacts on one patch at once")
-        self.frames += 1
-        touched = np.flatnonzero(self._numbers.any(axis=1))
-        if len(touched):
-            angles = self._servo_angles(self._before[0][touched], self._asked["target"][touched])
-            self._limbs.fill(angles, touched, self._posture)
-        full = loops.find(
-            self._links, self._posture, layout, estimates, self._limits, self._clusters, self._felt,
-            self._found, self._work,
-        )  # fmt: skip
-        if full:
-            raise TciError(f"world {full - 1}: more than {MOST} contacts at once")
+        if self._limbs.tabled:
+            felt = (self._sensors[:, self._rows["sensor"]] > 0.0).any(axis=1) | self._numbers.any(axis=1)
+            if len(worlds := np.flatnonzero(felt)):
+                angles = self._angles_at(self._before[0][worlds], self._asked[worlds])
+                self._limbs.fill(angles, worlds, self._posture)
+        due = loops.take(number, *self._tables)
+        if due < 0:
+            far, world = divmod(-1 - due, self.count)
+            most = f"more than {MOST} contacts" if far else "too many contacts on one patch"
+            raise TciError(f"world {world}: {most} at once")
+        self.frames, self._due = self.frames + 1, due
         self._follow()
 
     def _active_of(self, world: int) -> tuple[NDArray[np.int64], NDArray[np.int32], Array]:
@@ -169,7 +180,7 @@ class MujocoWorlds(Worlds):
         qpos, qvel = (one[world : world + 1] for one in self._before)
         drives, velocity = self.scene.world.servos.drives[::-1], np.zeros(self._wanted.shape[1])
         velocity[drives["servo"]] = qvel[0, drives["dof"]] / drives["ratio"]
-        return self._servo_angles(qpos, self._asked["target"][world : world + 1])[0], velocity
+        return self._angles_at(qpos, self._asked[world : world + 1])[0], velocity
 
     def _stamps(self) -> Array:
         """Times (p,) [s] of the latest frames."""
@@ -195,12 +206,12 @@ class MujocoWorlds(Worlds):
 
     @property
     def joints(self) -> Array:
-        return self._servo_angles(self._qpos, self._asked["target"])
+        return self._angles_at(self._qpos, self._asked)
 
-    def _servo_angles(self, qpos: Array, targets: Array) -> Array:
-        """Angles (k, n) [rad] of all servos at MuJoCo's `qpos`; one without a joint is at its target."""
-        first, angles = self.scene.world.servos.drives[::-1], targets.copy()  # several joints: the first
-        angles[:, first["servo"]] = (qpos[:, first["address"]] - first["shift"]) / first["ratio"]
+    def _angles_at(self, qpos: Array, asked: NDArray[np.void]) -> Array:
+        """Angles (k, n) [rad] of all servos at MuJoCo's `qpos`, see `loops.servo_angles`."""
+        angles = np.empty(asked.shape)
+        loops.servo_angles(qpos, asked, self.scene.world.servos.drives, angles)
         return angles
 
     @property

@@ -7,11 +7,12 @@ import math
 import numpy as np
 from numba import float64, from_dtype, int32, int64, types
 
+from tci.batch.posture import LIMB, limb_angles
 from tci.messages.contacts import CONTACT
 from tci.messages.contacts import TAXEL as PRESSED
 from tci.messages.frames import Array
 from tci.simulation import sampling
-from tci.simulation.sampling import AREA, MARK, PRESSING, SLOTS, Arrays, counts_of, press
+from tci.simulation.sampling import ACTIVE, AREA, MARK, PRESSING, SLOTS, Arrays, counts_of, press
 from tci.simulation.stepping import ASKED, DRIVE, POKE, Records, drive, follow, note_tip, push
 from tci.skin.kernels.arrays import (
     CLUSTERS,
@@ -31,6 +32,7 @@ from tci.skin.kernels.condition import pressure_of
 from tci.skin.kernels.contacts import SUMMARY, describe_clusters, find_clusters
 from tci.support.compiled import compiled, inlined, reads, returns, views, writes
 
+NEVER = int(np.iinfo(np.int64).max)
 STATE = types.Array(float64, 2, "A")
 """A field of the state of all worlds (N, m), which the engine keeps in one row per world."""
 DRIVES, COMMANDS, POKES = from_dtype(DRIVE), from_dtype(ASKED), from_dtype(POKE)
@@ -70,34 +72,59 @@ def aim(angles: Array, top: Array, steps: float, drives: Records, asked: Records
     return len(drives)
 
 
+@inlined
+def _angles(qpos: Array, asked: Records, drives: Records, out: Array) -> None:
+    """Writes the angles (n,) [rad] of all servos at MuJoCo's `qpos`: of one with several joints that of the
+    first, of one without a joint its target."""
+    for i in range(len(out)):
+        out[i] = asked[i].target
+    for i in range(len(drives) - 1, -1, -1):
+        one = drives[i]
+        out[one.servo] = (qpos[one.address] - one.shift) / one.ratio
+
+
+@compiled(int64(views(2), reads(2, COMMANDS), reads(1, DRIVES), writes(2)))
+def servo_angles(qpos: Array, asked: Records, drives: Records, out: Array) -> int:
+    """`_angles` for many worlds."""
+    for w in range(len(qpos)):
+        _angles(qpos[w], asked[w], drives, out[w])
+    return len(qpos)
+
+
 SKINS = returns(
     reads(2), reads(3), reads(3), writes(1, from_dtype(sampling.PATCH)), reads(2), reads(2),
     reads(1, int64), reads(2), writes(2), writes(2, int64), writes(2), writes(2), writes(1),
 )  # fmt: skip
 """`sampling.SKIN` with sensors, positions and orientations of links of all worlds."""
-FELT = returns(writes(2), writes(2, int32), writes(2), writes(2, int64), writes(2, int64))
+FELT = returns(writes(2), writes(2, int32), writes(2), writes(2, int64), writes(3, int64))
 """What all worlds feel: force [N] on each taxel (N, n); the active taxels (N, n) of each patch, as indices
-within it from its first taxel on, and the pressures [Pa] that are read of them; how many these are (N, p),
-and how many taxels are loaded (N, p)."""
+within it from its first taxel on, and the pressures [Pa] that are read of them; how many these are (N, p);
+and the first loaded taxel of each patch and the end of those (N, p, 2), zeros if none is."""
 
 
 @inlined
-def _read(w: int, p: int, skin: Arrays, layout: LayoutArrays, estimates: Estimates, felt: Arrays) -> int:
-    """Turns the loads on the taxels of a patch into what its sensor says of them: whole counts within its
-    range. Returns the number of taxels that are active then."""
-    _, _, _, patches, _, taxels, channels, nodes, load, _, _, _, values = skin
-    force, listed, pressure, _, _ = felt
+def _read(
+    w: int, p: int, count: int, skin: Arrays, layout: LayoutArrays, estimates: Estimates, felt: Arrays
+) -> int:
+    """Turns the loads on the `count` loaded taxels of a patch into what its sensor says of them: whole counts
+    within its range. Returns the number of taxels that are active then."""
+    _, _, _, patches, _, taxels, channels, nodes, load, lists, _, _, values = skin
+    force, listed, pressure, _, loaded = felt
     one, sensor, active = patches[p], layout.patches[p], 0
     begin = one.begin
+    first, end = one.end, 0
+    for j in range(count):
+        first, end = min(first, lists[ACTIVE, begin + j]), max(end, lists[ACTIVE, begin + j] + 1)
+    loaded[w, p, 0], loaded[w, p, 1] = begin + first, begin + end
     sign = 1.0 if one.per_count > 0.0 else -1.0
-    for k in range(one.end - begin):
+    for k in range(first, end):
         if load[MARK, k] == 0.0:
             continue
         at = one.channel + one.axes * channels[begin + k] + one.axes - 1
         values[at] += sign * counts_of(
             load[PRESSING, k] / taxels[begin + k, AREA], one.node, one.nodes, nodes, one.per_count
         )
-    for k in range(one.end - begin):
+    for k in range(first, end):
         if load[MARK, k] == 0.0:
             continue
         i = begin + k
@@ -109,7 +136,7 @@ def _read(w: int, p: int, skin: Arrays, layout: LayoutArrays, estimates: Estimat
             listed[w, begin + active] = k
             pressure[w, begin + active] = pressure_of(deviation, i, sensor, layout)
             active += 1
-    for k in range(one.end - begin):
+    for k in range(first, end):
         if load[MARK, k] != 0.0:
             at = one.channel + one.axes * channels[begin + k]
             for axis in range(one.axes):
@@ -118,8 +145,8 @@ def _read(w: int, p: int, skin: Arrays, layout: LayoutArrays, estimates: Estimat
     return active
 
 
-@compiled(int64(int64, SKINS, LAYOUT, ESTIMATES, FELT))
-def feel(step: int, skins: Arrays, layout: LayoutArrays, estimates: Estimates, felt: Arrays) -> int:
+@inlined
+def _feel(step: int, skins: Arrays, layout: LayoutArrays, estimates: Estimates, felt: Arrays) -> int:
     """Takes the frames that are due at the step with the number `step`, in all worlds.
 
     Returns the number of a world with too many contacts on one patch (`SLOTS`), + 1; else 0.
@@ -135,10 +162,10 @@ def feel(step: int, skins: Arrays, layout: LayoutArrays, estimates: Estimates, f
         one.due = max(math.ceil((one.count + 1) / one.rate - 1e-6), step + 1)
         one.taken = step
         for w in range(len(sensors)):
-            if loaded[w, p]:
-                for i in range(one.begin, one.end):
+            if loaded[w, p, 1]:
+                for i in range(loaded[w, p, 0], loaded[w, p, 1]):
                     force[w, i] = 0.0
-                numbers[w, p] = loaded[w, p] = 0
+                numbers[w, p] = loaded[w, p, 0] = loaded[w, p, 1] = 0
             if sensors[w, one.sensor] == 0.0 and one.floor < 0:
                 continue
             skin = sensors[w], centres[w], turns[w], patches, a, b, c, d, e, lists, f, g, h
@@ -146,8 +173,7 @@ def feel(step: int, skins: Arrays, layout: LayoutArrays, estimates: Estimates, f
             if found > SLOTS:
                 full = w + 1
             if active:
-                loaded[w, p] = active
-                numbers[w, p] = _read(w, p, skin, layout, estimates, felt)
+                numbers[w, p] = _read(w, p, active, skin, layout, estimates, felt)
     return full
 
 
@@ -158,9 +184,17 @@ FOUND = returns(
     writes(2, from_dtype(CONTACT)), writes(2, int64), writes(2, from_dtype(PRESSED)), writes(1, int64)
 )
 """Contacts of all worlds: `ContactArrays` with a row per world, and their numbers (N,)."""
-ROOM = returns(writes(3), writes(1, int64), writes(1, int32), writes(1), writes(1, from_dtype(SUMMARY)))
+ROOM = returns(
+    writes(3), writes(1, int64), writes(1, int32), writes(1), writes(1, from_dtype(SUMMARY)), writes(1)
+)
 """Work space: poses (l + 1, 4, 4), where each patch begins (p + 1,), active taxels and their pressures (n,),
-and as many summaries as there is room for contacts."""
+as many summaries as there is room for contacts, and angles of servos."""
+LIMBS = returns(
+    views(2), reads(2, COMMANDS), reads(1, DRIVES), reads(3), reads(1, from_dtype(LIMB)), writes(3)
+)
+"""MuJoCo's joint angles (N, m) at the frame, commands to all servos, joints that they move, tables of
+`posture.LimbTables`, and output: first four generic angles (N, parts, 4) [rad] of each limb. Those of limbs
+with tables are there already."""
 
 
 @inlined
@@ -175,34 +209,43 @@ def _relative(out: Array, torso: Array, p: Array, R: Array) -> None:
             out[i, 3] += torso[k, i] * (p[k] - torso[k, 3])
 
 
-@compiled(int64(LINKS, reads(3), LAYOUT, ESTIMATES, LIMITS, CLUSTERS, FELT, FOUND, ROOM))
-def find(
-    links: Arrays,
-    posture: Array,
+@compiled(int64(int64, SKINS, LAYOUT, ESTIMATES, FELT, LIMBS, LINKS, LIMITS, CLUSTERS, FOUND, ROOM))
+def take(
+    step: int,
+    skins: Arrays,
     layout: LayoutArrays,
     estimates: Estimates,
+    felt: Arrays,
+    limbs: tuple[Array, Records, Records, Array, Records, Array],
+    links: Arrays,
     limits: Limits,
     clusters: Clusters,
-    felt: Arrays,
     found: tuple[Records, Places, Records, Places],
-    room: tuple[Array, Places, Indices, Array, Records],
+    room: tuple[Array, Places, Indices, Array, Records, Array],
 ) -> int:
-    """Finds the contacts of all worlds.
+    """Takes the frames that are due at a step, and finds the contacts of all worlds.
 
-    Returns the number of a world with more contacts than there is room for, + 1; else 0.
+    Returns the number of the step of the next frame; below zero for an error: -1 - w if a patch of the world
+    w has too many contacts (`SLOTS`), -1 - w - N if this world has more contacts than there is room for.
 
     Args:
-        links: See `LINKS`.
-        posture: First four generic angles (N, parts, 4) [rad] of each limb.
+        step: Number of the step.
+        skins: See `SKINS`.
         layout: The skin.
         estimates: What is known of its taxels.
+        felt: Output, see `FELT`.
+        limbs: See `LIMBS`.
+        links: See `LINKS`.
         limits: Least forces of a contact.
         clusters: Work space.
-        felt: See `FELT`.
         found: Output, see `FOUND`.
         room: See `ROOM`.
     """
-    poses, begin, active, pressure, summary = room
+    full: int = _feel(step, skins, layout, estimates, felt)
+    if full:
+        return -full
+    qpos, asked, drives, weights, tables, posture = limbs
+    poses, begin, active, pressure, summary, angles = room
     torso, T_LT, bodies, centres, turns = links
     _, listed, pressures, numbers, _ = felt
     rows, begins, pressed, counts = found
@@ -223,17 +266,24 @@ def find(
         state = ActiveTaxels(pressure, begin, active, pressure)
         count, _, _ = find_clusters(state, limits, estimates.onset, layout, clusters)
         if count > len(summary):
-            return w + 1
+            return -1 - w - len(counts)
         counts[w] = count
         if count == 0:
             continue
+        _angles(qpos[w], asked[w], drives, angles)
+        limb_angles(angles, weights, tables, posture[w])
         R, c = turns[w, torso], centres[w, torso]
         for i in range(3):
             for j in range(4):
                 frame[i, j] = R[3 * i] * T_LT[0, j] + R[3 * i + 1] * T_LT[1, j] + R[3 * i + 2] * T_LT[2, j]
             frame[i, 3] += c[i]
-        for k in range(len(bodies)):
-            _relative(poses[k], frame, centres[w, bodies[k]], turns[w, bodies[k]])
+        for p in range(len(layout.patches)):
+            if clusters.counts[p]:
+                for link in (layout.patches[p].link, layout.patches[p].limb_link):
+                    _relative(poses[link], frame, centres[w, bodies[link]], turns[w, bodies[link]])
         out = ContactArrays(rows[w], begins[w], pressed[w])
         describe_clusters(layout, estimates.hidden, clusters, poses, posture[w], summary, out)
-    return 0
+    following = NEVER
+    for p in range(len(layout.patches)):
+        following = min(following, skins[3][p].due)
+    return following

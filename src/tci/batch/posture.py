@@ -22,11 +22,13 @@ LIMB = np.dtype(
     [
         ("offset", np.float64, (ANGLES,)), ("shoulder", np.int64, (3,)), ("side", np.float64),
         ("axes", np.float64, (3, 3)), ("at_zero", np.float64, (3, 3)), ("R_TM", np.float64, (3, 3)),
+        ("tabled", np.int64),
     ],
     align=True,
 )  # fmt: skip
 """How the angles of one limb follow from its servos: angles [rad] at zero, and for a shoulder of any axes its
-servos (else -1), side (+1 left, -1 right), axes and upper arm at zero, and mount, as in `Shoulder`."""
+servos (else -1), side (+1 left, -1 right), axes and upper arm at zero, and mount, as in `Shoulder`. 1 for a
+limb whose angles follow from tables instead (`tabled`)."""
 _f = made_with(inlined, formulas)
 _turned, _shoulder = _f.turned, _f.shoulder_of
 
@@ -59,6 +61,7 @@ class LimbTables:
                     rows[np.ix_(transform.ids[own], transform.servos)] = transform.slope(none)[own]
                 elif own.any():
                     self.tabled.append((row, joints))
+                    one["tabled"] = 1
 
     def fill(self, angles: Array, worlds: NDArray[np.intp], posture: Array) -> None:
         """Writes the angles [rad] of all limbs of some `worlds` (k,) into `posture` (N, parts, 4), given
@@ -72,16 +75,24 @@ class LimbTables:
 def postures(angles: Array, worlds: NDArray[np.int64], weights: Array, limbs: Records, posture: Array) -> int:
     """`LimbTables.fill` without limbs that have tables."""
     for j in range(len(worlds)):
-        for p in range(len(limbs)):
-            one, out = limbs[p], posture[worlds[j], p]
-            for i in range(ANGLES):
-                out[i] = one.offset[i]
-                for servo in range(len(angles[j])):
-                    out[i] += weights[p, i, servo] * angles[j, servo]
-            if one.shoulder[0] >= 0:
-                x, y, z = _axis(0, angles[j], one), _axis(1, angles[j], one), _axis(2, angles[j], one)
-                out[0], out[1], out[2] = _shoulder(x[0], y[0], z[0], x[1], y[1], z[1], z[2], one.side)
+        limb_angles(angles[j], weights, limbs, posture[worlds[j]])
     return len(worlds)
+
+
+@inlined
+def limb_angles(angles: Array, weights: Array, limbs: Records, out: Array) -> None:
+    """Writes the angles [rad] of the limbs of one world without tables into `out` (parts, 4)."""
+    for p in range(len(limbs)):
+        one = limbs[p]
+        if one.tabled:
+            continue
+        for i in range(ANGLES):
+            out[p, i] = one.offset[i]
+            for servo in range(len(angles)):
+                out[p, i] += weights[p, i, servo] * angles[servo]
+        if one.shoulder[0] >= 0:
+            x, y, z = _axis(0, angles, one), _axis(1, angles, one), _axis(2, angles, one)
+            out[p, 0], out[p, 1], out[p, 2] = _shoulder(x[0], y[0], z[0], x[1], y[1], z[1], z[2], one.side)
 
 
 @inlined

@@ -18,7 +18,8 @@ from tci.drivers.remote.protocol import Orders
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DriverError
 from tci.exports.facts import query, read_facts
-from tci.messages import Mode, PlatformCommand
+from tci.gate.contact.settings import ContactSettings
+from tci.messages import JointReading, Mode, PlatformCommand
 from tci.wires.zenoh.driver import ZenohDriver, ZenohServer
 from tci.wires.zenoh.session import close_session, open_session, parse_address
 
@@ -132,3 +133,37 @@ def test_a_stranger_who_reads_a_commander_s_number_commands_nothing() -> None:
         assert send(stranger, 2, None) == 0
         assert send(stranger, 3, bytes(32)) == 0
         assert send(commander, 4, secret) == 1
+
+
+def test_an_operator_frees_over_the_wire_what_a_part_that_stops_holds() -> None:
+    robot, where = tci.load_robot("nao"), f"tcp/127.0.0.1:{free_port()}"
+    with ExitStack() as closing, SimulatedDriver(robot) as driver, ZenohServer(driver, where):
+        session = open_session(parse_address(where, "nao"), "connect")
+        closing.callback(close_session, session)
+        gate, period = driver.gate, driver.period
+        gate.set_contact(ContactSettings(answers={"head": "stop"}))
+        start = np.array(driver.read().joints.position)
+        angles = start.copy()
+
+        def step(number: int, *orders: PlatformCommand) -> float:
+            """A head that somebody holds at 6 degrees."""
+            now = number * period
+            safe = gate.step(orders, JointReading(now, number, angles.copy(), np.zeros(len(angles))), now)
+            angles[safe.servos] = safe.position
+            angles[0] = min(angles[0], start[0] + 0.1)
+            return float(safe.position[safe.servos.tolist().index(0)])
+
+        def asked() -> str:
+            (reply,) = session.get("tci/nao/free", timeout=5.0)
+            said = reply.ok or reply.err
+            assert said is not None
+            return said.payload.to_string()
+
+        assert "nothing is in contact" in asked()
+        turn = PlatformCommand(Mode.POSITION, np.arange(1), start[:1] + 0.6, np.array([np.inf]))
+        step(0, turn)
+        held = [step(number) for number in range(1, 400)]
+        assert held[-1] > start[0] + 0.1, "it stays stiff where it stopped"
+        assert asked() == "moves away"
+        freed = [step(number) for number in range(400, 2500)]
+        assert freed[-1] < start[0] + 0.08

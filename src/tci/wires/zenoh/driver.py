@@ -6,6 +6,7 @@
 | `tci/NAME/skin/PATCH` | each new frame of the patch | robot |
 | `tci/NAME/orders/CLIENT` | orders and heartbeat, signed; in every period | behaviour |
 | `tci/NAME/join` | reply to `?client=NUMBER`: the secret with which it signs, given once | robot |
+| `tci/NAME/free` | reply to an operator's query: it moves away from whom it presses, or why not | robot |
 | `tci/NAME/facts` | the robot's facts as JSON, as reply to a query | robot |
 | `tci/NAME/alive` | liveliness of the robot's process | robot |
 """
@@ -26,7 +27,7 @@ from tci.drivers.remote.driver import RemoteDriver
 from tci.drivers.remote.encoding import frame_bytes, orders_bytes, state_bytes, to_orders, to_skin, to_state
 from tci.drivers.remote.protocol import Orders, SessionFrame, State
 from tci.drivers.remote.server import RemoteServer
-from tci.errors import DriverError, FrameError, TciError
+from tci.errors import CommandError, DriverError, FrameError, TciError
 from tci.exports.facts import query, read_facts
 from tci.messages import SkinFrame
 from tci.robot.description import Robot, wire_name
@@ -163,6 +164,7 @@ class ZenohServer(RemoteServer):
             key, lambda asked: asked.reply(key, facts, encoding=zenoh.Encoding.APPLICATION_JSON)
         )
         self._joins = self.session.declare_queryable(f"{self._key}/join", self._admit)
+        self._frees = self.session.declare_queryable(f"{self._key}/free", self._free)
         self._alive = self.session.liveliness().declare_token(f"{self._key}/alive")
 
     def where(self) -> str:
@@ -200,6 +202,17 @@ class ZenohServer(RemoteServer):
             del self._secrets[old]
         secret = self._secrets[client] = secrets.token_bytes(32)
         asked.reply(f"{self._key}/join", secret)
+
+    def _free(self, asked: zenoh.Query) -> None:
+        """Frees whom the robot presses, with its next reading. Runs in a thread of Zenoh."""
+        try:
+            if not self.driver.armed:
+                raise CommandError("this robot is served read-only; valid: tci serve --arm")
+            self.driver.gate.free()
+        except CommandError as error:
+            asked.reply_err(str(error))
+        else:
+            asked.reply(f"{self._key}/free", "moves away")
 
     def _show(self, state: State) -> None:
         self._states.put(state_bytes(self.driver.robot, state))

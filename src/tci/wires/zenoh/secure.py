@@ -24,6 +24,8 @@ DAYS = 825
 """Lifetime [days] of certificates. Assumed: this is the longest lifetime that browsers accept."""
 SEEN = ("state", "skin/*", "facts")
 """Keys of a robot that every user of this robot may read."""
+ASKED = ("join", "free")
+"""Keys of a robot that those who may command it may ask."""
 
 
 def write_files(
@@ -134,20 +136,21 @@ def _access(
 
     for robot in robots:
         seen = [f"tci/{robot}/{key}" for key in SEEN]
-        alive, orders, join = (f"tci/{robot}/{key}" for key in ("alive", "orders/*", "join"))
+        alive, orders = (f"tci/{robot}/{key}" for key in ("alive", "orders/*"))
+        asked = [f"tci/{robot}/{key}" for key in ASKED]
         rule(f"{robot} shows", "ingress", ["put", "reply", "declare_queryable"], seen)
         rule(f"{robot} lives", "ingress", ["liveliness_token"], [alive])
         rule(f"{robot} listens", "ingress", ["declare_subscriber"], [orders])
         rule(f"{robot} takes", "egress", ["put"], [orders])
-        rule(f"{robot} admits", "ingress", ["reply", "declare_queryable"], [join])
-        rule(f"{robot} is joined", "egress", ["query"], [join])
+        rule(f"{robot} admits", "ingress", ["reply", "declare_queryable"], asked)
+        rule(f"{robot} is joined", "egress", ["query"], asked)
         rule(f"{robot} is asked", "egress", ["query", "declare_subscriber"], seen)
         rule(f"see {robot}", "ingress", ["declare_subscriber", "query"], seen)
         rule(f"get {robot}", "egress", ["put", "reply", "declare_queryable"], seen)
         rule(f"find {robot}", "egress", ["liveliness_token"], [alive])
         rule(f"order {robot}", "ingress", ["put"], [orders])
-        rule(f"join {robot}", "ingress", ["query"], [join])
-        rule(f"sign for {robot}", "egress", ["reply", "declare_queryable"], [join])
+        rule(f"join {robot}", "ingress", ["query"], asked)
+        rule(f"sign for {robot}", "egress", ["reply", "declare_queryable"], asked)
         # without this rule, a user can't send orders
         rule(f"reach {robot}", "egress", ["declare_subscriber"], [orders])
     rule("find robots", "ingress", ["liveliness_query", "declare_liveliness_subscriber"], ["tci/*/alive"])

@@ -8,6 +8,7 @@ OUT ?= out
 # Where your index has no CPU build of PyTorch, it comes with 3 GB of CUDA, but for this:
 # make learn LEARN_INDEX=https://download.pytorch.org/whl/cpu
 LEARN_INDEX ?=
+, := ,
 # Live tests at a time: each may have a server with real-time priority, which needs 0.7 of a slow
 # processor; a busy machine makes robots hold.
 LIVE ?= 2
@@ -99,11 +100,17 @@ fuzz: dev-env  ## all that reads foreign bytes: coverage-guided (TCI_SECONDS eac
 reliability: dev-env  ## the scoreboard of docs/reliability.md (FULL=1: full size); writes reliability.json
 	@OUT="$(OUT)" FULL=$(FULL) ROWS="$(ROWS)" PAGE=$(PAGE) $(VENV)/python tools/reliability
 
+# uv needs a tenth of pip's time; pip stays where uv can't, and for PyTorch, whose index pip's settings may name.
+define install
+@$(1)/bin/python -m pip install --quiet --require-hashes --requirement requirements/uv.txt || true
+@$(1)/bin/uv pip install --quiet --system-certs --python $(1)/bin/python $(2) || $(1)/bin/python -m pip install --quiet $(2)
+endef
+
 learn:  ## train the policy of the tutorial in .learn (PyTorch; 8 minutes of a processor), and judge it
 	@$(PYTHON) -m venv .learn
 	@.learn/bin/python -m pip install --quiet $(if $(LEARN_INDEX),--extra-index-url $(LEARN_INDEX)) torch==2.13.0
-	@.learn/bin/python -m pip install --quiet stable-baselines3==2.9.2 onnx==1.23.2 --editable ".[gym,onnx,icub,robots]"
-	@.learn/bin/python -m pip install --quiet imageio==2.38.1 imageio-ffmpeg==0.8.1 proglog==0.1.12 python-dotenv==1.2.4 decorator==5.3.1
+	$(call install,.learn,torch==2.13.0 stable-baselines3==2.9.2 onnx==1.23.2 imageio==2.38.1 imageio-ffmpeg==0.8.1 proglog==0.1.12 \
+	  python-dotenv==1.2.4 decorator==5.3.1 --editable ".[gym$(,)onnx$(,)icub$(,)robots]")
 	@.learn/bin/python -m pip install --quiet --no-deps moviepy==2.2.1 # it asks for an older pillow than it needs
 	@.learn/bin/python tools/environments.py
 	@mkdir -p "$(OUT)"
@@ -114,12 +121,13 @@ lerobot:  ## genuine LeRobot 0.4.4 records robots of TCI, trains ACT on sets and
 	@$(PYTHON) -m venv .lerobot
 	@.lerobot/bin/python -m pip install --quiet $(if $(LEARN_INDEX),--extra-index-url $(LEARN_INDEX)) torch==2.13.0
 	@.lerobot/bin/python -m pip install --quiet --no-deps lerobot==0.4.4 torchvision==0.28.0 diffusers==0.35.2 # they ask for an older PyTorch
-	@.lerobot/bin/python -m pip install --quiet datasets==4.8.5 huggingface-hub==0.35.3 einops==0.8.2 jsonlines==4.0.0 draccus==0.10.0 \
+	$(call install,.lerobot,torch==2.13.0 datasets==4.8.5 huggingface-hub==0.35.3 einops==0.8.2 jsonlines==4.0.0 draccus==0.10.0 \
 	  deepdiff==8.6.2 packaging==25.0 opencv-python-headless==4.12.0.88 av==15.1.0 accelerate==1.15.0 imageio==2.38.1 pyserial==3.5 \
-	  regex termcolor==3.3.0 pynput==1.8.2 rerun-sdk==0.26.2 --editable ".[gym,icub,robots,parquet,zenoh]"
+	  regex termcolor==3.3.0 pynput==1.8.2 rerun-sdk==0.26.2 robovet==0.2.2 lerobot-doctor==0.2.0 --editable ".[gym$(,)icub$(,)robots$(,)parquet$(,)zenoh]")
 	@.lerobot/bin/python -m pip install --quiet --no-deps --editable packages/lerobot_robot_tci
 	@.lerobot/bin/python tools/with_lerobot.py --out "$(OUT)/lerobot"
 	@.lerobot/bin/python tools/with_lerobot.py --robots nao --via zenoh --out "$(OUT)/lerobot-zenoh"
+	@.lerobot/bin/python tools/set_doctors.py --out "$(OUT)/set_doctors"
 	@.lerobot/bin/python tools/act.py --out "$(OUT)/act"
 
 # FTP-1 is on no package index: FTP1 is a folder with its repository. This is a copy of

@@ -29,6 +29,7 @@ COMMANDS = {
     "record": "lerobot.scripts.lerobot_record",
     "train": "lerobot.scripts.lerobot_train",
     "eval": "lerobot.scripts.lerobot_eval",
+    "edit": "lerobot.scripts.lerobot_edit_dataset",
 }
 
 

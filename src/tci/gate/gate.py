@@ -22,13 +22,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tci.errors import CommandError, DriverError, TciError
-from tci.gate.acceptance import check_command, fault_of_reading
+from tci.gate.acceptance import fault_of_reading
+from tci.gate.answering import Answering
 from tci.gate.commanded_groups import WayBack
-from tci.gate.contact.group import Way
-from tci.gate.contact.reaction import ContactReaction
 from tci.gate.contact.settings import ContactSettings
-from tci.gate.joint_group import groups_of
 from tci.gate.joint_monitor import JointMonitor
+from tci.gate.loads import load_of
 from tci.gate.motion import Motion
 from tci.gate.pace import Pace
 from tci.gate.safe_command import GateState as GateState
@@ -37,24 +36,12 @@ from tci.gate.safe_command import SafeCommand as SafeCommand
 from tci.gate.settings import GateCounts as GateCounts
 from tci.gate.settings import GateSettings as GateSettings
 from tci.gate.settings import Tally
-from tci.messages import Contacts, JointReading, Met, Mode, PlatformOrder, PlatformSwitch
-from tci.messages.commands import MOST_EXPECTED
+from tci.messages import Contacts, JointReading, Met, Mode, PlatformOrder
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 from tci.robot.joint_calibration import Tool
-from tci.robot.kinematics import KinematicChain
 from tci.robot.like import RobotLike, as_robot
-
-UNFIT = frozenset(
-    {
-        Code.OPPOSED_MOTION, Code.ENCODER_JUMPED, Code.ENCODER_FROZEN, Code.ENCODER_DISAGREES, Code.SERVO_OFF,
-        Code.SERVO_MODE, Code.JOINTS_REPEATED,
-    }
-)  # fmt: skip
-"""Causes of a stop after which no way back is known: angles or servos are not what they seem."""
-POWER = frozenset({Code.SERVO_OFF, Code.SERVO_MODE})
-"""Those after which the gate sends no stiffness: it might switch on a servo that somebody switched off."""
 
 
 class Gate:
@@ -104,13 +91,9 @@ class Gate:
         )
         monitor = self._settings.monitor
         self._monitor = None if monitor is None else JointMonitor(robot, monitor)
-        contact = self._settings.contact
-        self._contact = None if contact is None else ContactReaction(robot, groups_of(robot), contact)
+        self._answering = Answering(robot, self._settings.contact)
         self._stopped: Reason | None = None
         self._held: Reason | None = None
-        self._told: list[Reason] = []
-        self._fresh = frozenset[int]()
-        self._met: tuple[Met, ...] = ()
         self._loads: dict[str, Tool] = {}
         self._pace = Pace(robot.name, period)
         self.drop()
@@ -170,7 +153,7 @@ class Gate:
         link is lost next. The gate judges limits and self-collision of the straight way, where it knows a
         model; it may change the way in each step.
         """
-        return self._motion.groups.ways_back(self._blocked)
+        return self._motion.groups.ways_back(self._answering.blocked)
 
     @property
     def modes(self) -> tuple[Mode, ...]:
@@ -186,23 +169,10 @@ class Gate:
         UnknownNameError for an unknown part, CommandError for a robot without a model and for a load that
         can't be.
         """
-        found = self._robot.part(part)
-        where = np.asarray(centre, dtype=float)
-        if not 0.0 <= mass < np.inf or where.shape != (3,) or not np.isfinite(where).all():
-            raise CommandError(f"load of {mass} kg at {centre!r}; valid: at least 0 kg, at (x, y, z) in m")
-        if self._robot.model is None:
-            raise CommandError(f"{self._robot.name} has no <model>; valid: a robot whose links are known")
-        own = {one.servo for one in found.servos if one.servo is not None}
-        chain = KinematicChain(self._robot)
-        fingers = {
-            one.servo for other in self._robot.parts if other.kind == "fingers" for one in other.servos
-        }
-        moved = {name: {*chain.chain(name)} - fingers for name in chain.links}
-        link = max(moved, key=lambda name: (len(own & moved[name]), len(moved[name])))
-        self._loads[link] = Tool(mass=mass, centre=tuple(where.tolist()))
+        link, tool = load_of(self._robot, part, mass, centre)
+        self._loads[link] = tool
         self._motion.load(self._loads)
-        if self._contact is not None:
-            self._contact.load(self._loads)
+        self._answering.load(self._loads)
 
     def stop(self, reason: Reason | str) -> None:
         """Stops the robot within its limits and accepts no command until `reset`. If the gate has already
@@ -239,7 +209,7 @@ class Gate:
         """
         if self._motion.moves:
             raise CommandError("the robot has not come to rest yet; valid: reset at rest")
-        if self._contact is not None and (touched := self._contact.touched):
+        if touched := self._answering.touched:
             raise CommandError(
                 f"{', '.join(touched)} is still in contact; valid: reset when nothing presses, "
                 "gate.free() to move away slowly",
@@ -254,24 +224,18 @@ class Gate:
     def met(self) -> tuple[Met, ...]:
         """Contacts that this gate noticed in its last step, and parts that obey nobody yet; of a gate that
         doesn't answer contact, what the driver told of the one that does."""
-        return self._met if self._contact is None else self._contact.met + self._contact.waiting
+        return self._answering.met
 
     def tell_met(self, met: Sequence[Met]) -> None:
         """Says what the gate of the robot's process noticed. Without effect on a gate that answers contact
         itself."""
-        self._met = tuple(met)
+        self._answering.tell_met(met)
 
     def set_contact(self, settings: ContactSettings) -> None:
         """Changes when a contact counts, and how each part answers it. Raises CommandError if something is in
         contact, or if another gate answers contact; UnknownNameError for a part that the robot lacks; and
         TciError for two fixtures of one name, or any beside a robot without a model."""
-        if self._contact is None:
-            raise CommandError("this gate does not answer contact; valid: the gate that owns the robot")
-        if self.met or self._contact.blocked:
-            raise CommandError("a part is in contact; valid: other settings when nothing presses")
-        before, self._contact = self._contact, ContactReaction(self._robot, groups_of(self._robot), settings)
-        self._contact.load(self._loads)
-        self._contact.sag_as(before)
+        self._answering.change(settings)
         self._settings = replace(self._settings, contact=settings)
 
     def free(self) -> None:
@@ -282,13 +246,7 @@ class Gate:
         Only an operator should call this method. Raises CommandError if nothing is in contact, or if the gate
         has stopped because angles or servos are not what they seem: then no way is known.
         """
-        if self._contact is None:
-            raise CommandError("this gate does not answer contact; valid: the gate that owns the robot")
-        if self._stopped is not None and self._stopped.code in UNFIT:
-            raise CommandError(f"no way is known: {self._stopped}; valid: free the person by hand")
-        if not self._contact.met:
-            raise CommandError("nothing is in contact; valid: free when SafeCommand.met names a part")
-        self._contact.free()
+        self._answering.free(self._stopped)
 
     def drop(self) -> None:
         """Ends the command of all servos, for a driver that has lost the connection to its robot.
@@ -299,8 +257,7 @@ class Gate:
         """
         if self._monitor is not None:
             self._monitor.forget()
-        if self._contact is not None:
-            self._contact.forget()
+        self._answering.forget()
         self._motion.drop()
         self._reference = self._motion.reference
         self._torque = np.zeros(len(self._reference.servos))
@@ -330,7 +287,7 @@ class Gate:
         self._tally.steps += 1
         reason = self.reason = self._judge(joints, now, contacts)
         refusals = list(refused)
-        clamped: list[Reason] = [*self._told]
+        clamped: list[Reason] = [*self._answering.told]
         taken: list[PlatformOrder] = []
         refused_orders: list[tuple[PlatformOrder, Reason]] = []
         if not reason:
@@ -345,21 +302,15 @@ class Gate:
                     words = f"a {type(command).__name__} is not in the robot's own joints"
                     raise CommandError(f"{words}; valid: the result of GenericBody.to_platform")
                 if command.mode is Mode.EXPECTED_CONTACT:
-                    self._expect(command, now)
+                    self._answering.expect(command, now)
                     taken.append(command)
                     continue
-                if self._contact is not None and (
-                    why := self._contact.refuses(command, joints.position, now)
-                ):
-                    if self._fresh.isdisjoint(np.ravel(command.servos).tolist()):
-                        raise CommandError(why, code=Code.CONTACT)
-                    overtaken = Reason(Code.OVERTAKEN, f"an order came at that instant: {why}")
+                if (overtaken := self._answering.overtakes(command, joints, now)) is not None:
                     clamped.append(overtaken)
                     refused_orders.append((command, overtaken))
                     continue
                 clamped += self._motion.accept(command, now)
-                if self._contact is not None:
-                    self._contact.accepted(command, now)
+                self._answering.accepted(command, now)
                 taken.append(command)
             except CommandError as error:
                 refusals.append(error.reason)
@@ -413,14 +364,19 @@ class Gate:
             # also in the state STOP: a joint must not be braked on the basis of wrong data
             monitor = self._monitor
             if monitor is not None and (
-                fault := monitor.step(joints, self._reference, self._motion.unanswered, excused=self._excused)
+                fault := monitor.step(
+                    joints, self._reference, self._motion.unanswered, excused=self._answering.excused
+                )
             ):
                 self.stop(fault)
             self._motion.see(joints, now, believed=monitor is None or not monitor.misled)
             reason = self._motion.fault_of_age(now, self._stale_after)
         blind = bool(reason)
-        unfit = self._stopped is not None and self._stopped.code in UNFIT
-        ways = self._answer(joints, now, contacts) if unfit or not blind else ()
+        ways, often = self._answering.step(
+            self._motion, joints, self._reference, now, contacts, self._stopped, blind=blind
+        )
+        if often is not None:
+            self.stop(often)
         reason, self._held = reason or self._held, None
         if self._stopped:
             self.state, reason = GateState.STOP, self._stopped
@@ -430,55 +386,14 @@ class Gate:
         else:
             self.state = GateState.RUN
         if reason:
-            self._motion.halt(frozenset() if blind else self._blocked)
+            self._motion.halt(frozenset() if blind else self._answering.blocked)
         for way in ways:
             self._motion.retreat(*way)
-        if self._contact is not None:
-            self._motion.hold(self._contact.stays)
+        if (stays := self._answering.stays) is not None:
+            self._motion.hold(stays)
         return reason
-
-    def _answer(self, joints: JointReading, now: float, contacts: Contacts | None) -> Sequence[Way]:
-        """Judges contacts; returns where servos must go, also in the state STOP: a person is freed whatever
-        the cause of the stop, unless the joint data can't be trusted."""
-        self._told, self._fresh, before = [], frozenset(), self.disobey
-        if self._contact is None:
-            return ()
-        if self._stopped is not None and self._stopped.code in UNFIT:
-            if self._stopped.code not in POWER:
-                shares, self._told = self._contact.ease(contacts, joints, now)
-                self._motion.soften(shares)
-            self._contact.forget()
-            return ()
-        ways, self._told = self._contact.step(joints, self._reference, now, contacts)
-        self._fresh = self.disobey - before
-        if self._contact.reason is not None:
-            self.stop(self._contact.reason)
-        if self._stopped is None:
-            self._motion.soften(self._contact.give_back(joints, self._reference.servos, now))
-        return ways
 
     @property
     def disobey(self) -> frozenset[int]:
         """Servos that obey nobody now, since their part leaves a contact or waits for one that does."""
-        return frozenset() if self._contact is None else self._contact.blocked | self._contact.waits
-
-    @property
-    def _blocked(self) -> frozenset[int]:
-        """Servos that a contact moves now."""
-        return frozenset() if self._contact is None else self._contact.blocked
-
-    @property
-    def _excused(self) -> frozenset[int]:
-        """Servos that a contact moves, or that somebody leads, now: they need not follow."""
-        return self._blocked if self._contact is None else self._blocked | self._contact.led
-
-    def _expect(self, order: PlatformOrder, now: float) -> None:
-        """Notes a capability's declaration. Raises CommandError if it is invalid."""
-        if isinstance(order, PlatformSwitch):
-            raise CommandError("a switch to expected contact; valid: an ExpectContact", code=Code.WRONG_MODE)
-        declared = check_command(self.robot, order)
-        force = float(declared.values.max())
-        if not (declared.values >= 0.0).all() or force > MOST_EXPECTED:
-            raise CommandError(f"expected contact of {force} N; valid: 0 to {MOST_EXPECTED:g} N")
-        if self._contact is not None:
-            self._contact.expect(declared.servos, force, now)
+        return self._answering.disobey

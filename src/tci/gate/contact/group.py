@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tci.errors import TciError, UnknownNameError
 from tci.gate.contact.bearing import Bearing
-from tci.gate.contact.noticing import Noticing
+from tci.gate.contact.noticing import Noticing, Seen
 from tci.gate.contact.others import First
 from tci.gate.contact.path import Path
 from tci.gate.contact.softness import Softness
@@ -22,9 +22,16 @@ from tci.gate.contact.weights import Sag, Sags
 from tci.gate.joint_monitor import Reference
 from tci.messages import JointReading
 from tci.messages.frames import Array
+from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 _log = logging.getLogger("tci")
+
+OFTEN, WITHIN = 3, 10.0
+"""So many reactions of a part within so many seconds [s] end in STOP: somebody is there, and a behaviour
+insists."""
+MOVES = float(np.deg2rad(2.0))
+"""Speed [rad/s] above which a reference moves a part, and so may have made a force."""
 
 
 class Way(NamedTuple):
@@ -103,6 +110,19 @@ class Group:
     def bears(self, joints: JointReading, bearing: Bearing) -> Array:
         """What its joints bear more than before the contact (k,), as `Seen.bears`."""
         return bearing.beyond(joints.torque, self.before)[self.servos]
+
+    def back(self, seen: Seen, before: float, *, pulled: bool) -> Array:
+        """Where its way back ends (k,) [rad] that leaves what it met after `before` [s], or (`pulled`) what
+        its joints pull at."""
+        pull = seen.pull if pulled else np.zeros(len(seen.pull))
+        return self.path.back(seen.here, before, seen.own, pull)
+
+    @property
+    def too_often(self) -> Reason | None:
+        """Why the gate must stop: it met something too often."""
+        if len(self.reactions) < OFTEN:
+            return None
+        return Reason(Code.CONTACT, f"{self.name} met something {OFTEN} times within {WITHIN:.0f} s")
 
     def goes(self, goal: Array) -> Array:
         self.goal, self.since, self.free = goal, np.inf, None

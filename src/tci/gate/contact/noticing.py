@@ -61,6 +61,14 @@ class Seen(NamedTuple):
     comes from outside."""
 
     @property
+    def references(self) -> Array:
+        """References (k,) [rad]; where it has none, where the joint is."""
+        whole = self.joints.position.copy()
+        whole[self.reference.servos] = self.reference.position
+        found: Array = whole[self.servos]
+        return found
+
+    @property
     def push(self) -> Array:
         """Where its joints push whom it meets (k,), as `bears`; as they move if torques tell nothing yet."""
         if (np.abs(self.bears) > SIGN).any():

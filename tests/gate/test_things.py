@@ -90,9 +90,9 @@ def test_an_arm_that_meets_a_declared_table_stops_but_not_if_somebody_may_lie_on
     assert arm.angles[PITCH] < np.deg2rad(25.0), "a command may lead away half a second later"
 
 
-def touch(patch: str, p_T: Array, n_T: Array) -> Contacts:
+def touch(patch: str, p_T: Array, n_T: Array, *, force: float = 20.0) -> Contacts:
     rows = np.zeros(1, CONTACT)
-    rows["identity"], rows["force"], rows["p_T"], rows["n_T"] = 7, 20.0, p_T, n_T
+    rows["identity"], rows["force"], rows["p_T"], rows["n_T"] = 7, force, p_T, n_T
     return Contacts(
         (Site(patch, "left_arm", "forearm"),), np.zeros(1), np.zeros(1, np.int64), rows,
         np.zeros(2, np.int64), np.zeros(0, TAXEL),
@@ -153,6 +153,37 @@ def test_what_only_the_other_link_feels_may_be_somebody(side: float) -> None:
     met = [Things(NAO, ()).met(servos, arm.angles, ahead, [], on) for on in ({}, {thing: [felt]})]
     assert met[0] is not None
     assert met[1] == (met[0] if side > 0.0 else None)
+
+
+@pytest.mark.parametrize("weight", [8.0, 20.0])
+def test_an_arm_that_lies_on_a_table_obeys_again_and_stops_again_if_it_presses_more(weight: float) -> None:
+    """Skin feels its weight for as long as it lies there. It waited for an operator's word."""
+    table = Fixture("table", (0.1, 0.2, lowest(50.0) - 0.1), (0.5, 0.5, 0.2))
+    arm = Lowered(table, at=60.0)
+    arm.run(0.6, goal=49.5)
+    near = min(Clearance(NAO, (table,)).near(arm.angles, within=0.008), key=lambda one: one.distance)
+    side = 1.0 if PITCH in KinematicChain(NAO).chain(near.first) else -1.0
+
+    def lies(force: float) -> Contacts:
+        return touch("left_forearm", near.p_T, side * near.way_T, force=force)
+
+    arm.run(0.05, goal=51.0)
+    arm.run(0.1, contacts=lies(30.0))
+    assert arm.told[-1].endswith("it stops")
+    arm.run(0.4, contacts=lies(weight))
+    arm.run(0.01, goal=20.0, contacts=lies(weight))
+    assert arm.refused.pop() is Code.CONTACT, "it has just met it"
+    arm.run(0.8, contacts=lies(weight))
+    lay, told = arm.angles[PITCH], len(arm.told)
+    arm.run(0.05, goal=51.5, contacts=lies(weight))
+    arm.run(0.1, contacts=lies(weight + 12.0))
+    assert len(arm.told) == told + 1
+    assert arm.angles[PITCH] < lay + np.deg2rad(1.0)
+    arm.run(1.2, contacts=lies(weight))
+    arm.run(0.5, goal=20.0, contacts=lies(weight))
+    assert not arm.refused
+    assert arm.angles[PITCH] < np.deg2rad(40.0)
+    assert arm.gate.state is GateState.RUN
 
 
 def test_a_table_that_an_arm_meets_often_is_no_reason_to_stop_the_robot() -> None:

@@ -113,6 +113,12 @@ class FeltForces:
                 found[group] = Felt(max(before.force, force), max(before.made, made), since, all_of_it, mine)
         return found
 
+    def settle(self, contacts: Mapping[int, FeltContact]) -> None:
+        """No motion counts as having made these contacts (by identity) any more, until one raises them."""
+        for identity, felt in contacts.items():
+            known = self._known[identity]
+            self._known[identity] = _Known(frozenset(), dict.fromkeys(known.rest, felt.force), known.since)
+
     def _look_at(self, known: _Known | None, force: float, groups: Collection[int], now: float) -> _Known:
         moving = frozenset([group for group in groups if self._moves(group)])
         if known is None:

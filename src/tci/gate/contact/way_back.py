@@ -57,12 +57,16 @@ def go_on(scene: Scene, group: Group, seen: Seen) -> Array | None:
     still = held or seen.felt.force > LIGHT
     thing = bool(group.thing) and (still or bent or pressed) and scene.thing(group, seen) is not None
     # at a thing there is no way back: what it bears there is no reason to go on
-    if still or ((bent or pressed) and not thing):
+    if thing and not (group.answer == "stop" and not group.slow):
+        if np.abs(here - group.goal).max() >= STEP:
+            group.free = None
+            return group.goes(here)
+        # it lies there with its weight, and its next motion may lead away
+        scene.forces.settle(seen.felt.contacts)
+    elif still or ((bent or pressed) and not thing):
         group.free = None
         if group.answer == "stop" and not group.slow:
             return None
-        if thing:
-            return None if np.abs(here - group.goal).max() < STEP else group.goes(here)
         group.thing = None
         if group.answer == "retreat" or group.slow:
             further = bent and not held and group.first.bends_more(seen, settings.held)

@@ -13,10 +13,10 @@ from tci.robot.dynamics import Dynamics
 from tci.robot.joint_calibration import JointCalibration
 from tci.robot.per_robot import per_robot
 
-DELAY, PERIODS = 0.02, 2.0
-"""Time [s], and periods of the loop, from the first touch until an arm that gives way stands: skin, late
-readings, what a servo lags behind, and commands that come one to three periods late. Measured on simulated
-arms with loops of 2 and 10 ms: 0.024 and 0.04 s."""
+FRAMES, LATE, PERIODS = 0.5, 0.01, 2.0
+"""Periods of the skin, time [s] and periods of the loop from the first touch until an arm that gives way
+stands. A frame is half a period away in the mean; readings are 3 to 16 ms late; commands come one to three
+periods late. What a servo lags behind is in its stiffness and damping."""
 
 
 def first_peak(
@@ -44,7 +44,8 @@ def first_peak(
     Raises UnknownNameError for an unknown patch, CommandError for an unknown taxel or one that no servo
     moves, a negative speed or a period that is not above 0, and DescriptionError for a robot without masses.
     """
-    surface = body.skin.surfaces[body.robot.patch(patch).name]
+    met = body.robot.patch(patch)
+    surface = body.skin.surfaces[met.name]
     if not 0 <= taxel < len(surface.positions):
         raise CommandError(f"taxel {taxel} of {patch}; valid: 0 to {len(surface.positions) - 1}")
     if not period > 0.0:
@@ -55,7 +56,7 @@ def first_peak(
     striker = strikers.behind(inertia, normal @ dynamics.moved(surface.link, surface.positions[taxel]))
     if striker is None:
         raise CommandError(f"no servo moves taxel {taxel} of {patch} along its normal; valid: one on an arm")
-    return striker.force_on(person, speed, reaction=DELAY + PERIODS * period)
+    return striker.force_on(person, speed, reaction=FRAMES / met.rate + LATE + PERIODS * period)
 
 
 @per_robot

@@ -79,22 +79,20 @@ class MujocoWorlds(Worlds):
             np.zeros((count, MOST), CONTACT), np.zeros((count, MOST + 1), np.int64),
             np.zeros((count, n), TAXEL), np.zeros(count, np.int64),
         )  # fmt: skip
-        links = (
-            scene.torso, np.ascontiguousarray(scene.T_LT), scene.bodies, self._centres, self._turns,
-        )  # fmt: skip
         work = (
             np.zeros((len(scene.bodies) + 1, 4, 4)), np.zeros(p + 1, np.int64), np.zeros(n, np.int32),
             np.zeros(n), np.zeros(MOST, SUMMARY), np.zeros(len(scene.robot.servos)),
         )  # fmt: skip
         self._limbs, self._before = LimbTables(scene.body), (self._qpos.copy(), self._qvel.copy())
         self._posture = np.zeros((count, len(self._limbs.limbs), ANGLES))
+        robots = (
+            self._before[0], self._asked, world.servos.drives, self._limbs.weights, self._limbs.limbs,
+            self._posture,
+            scene.torso, np.ascontiguousarray(scene.T_LT), scene.bodies, self._centres, self._turns,
+        )  # fmt: skip
         self._tables = (
-            skins, layout.arrays, scene.estimates, self._felt,
-            (
-                self._before[0], self._asked, world.servos.drives, self._limbs.weights, self._limbs.limbs,
-                self._posture,
-            ),
-            links, scene.body.settings.contacts.limits, clusters, self._found, work,
+            skins, layout.arrays, scene.estimates, self._felt, robots,
+            scene.body.settings.contacts.limits, clusters, self._found, work,
         )  # fmt: skip
         self._contact_sensors = [scene.model.sensor(skin_geom(name)).id for name in world.surfaces]
         self._stages = batch.expand("sensor_needstage") if skin else None

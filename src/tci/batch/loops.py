@@ -177,9 +177,6 @@ def _feel(step: int, skins: Arrays, layout: LayoutArrays, estimates: Estimates, 
     return full
 
 
-LINKS = returns(int64, reads(2), reads(1, int64), reads(3), reads(3))
-"""Index of the torso's body, pose (4, 4) of the torso frame in it, bodies (l,) of `SkinLayout.links`, and
-positions (N, b, 3) [m] and orientations (N, b, 9) of all bodies in the world frame."""
 FOUND = returns(
     writes(2, from_dtype(CONTACT)), writes(2, int64), writes(2, from_dtype(PRESSED)), writes(1, int64)
 )
@@ -189,12 +186,15 @@ ROOM = returns(
 )
 """Work space: poses (l + 1, 4, 4), where each patch begins (p + 1,), active taxels and their pressures (n,),
 as many summaries as there is room for contacts, and angles of servos."""
-LIMBS = returns(
-    views(2), reads(2, COMMANDS), reads(1, DRIVES), reads(3), reads(1, from_dtype(LIMB)), writes(3)
-)
-"""MuJoCo's joint angles (N, m) at the frame, commands to all servos, joints that they move, tables of
-`posture.LimbTables`, and output: first four generic angles (N, parts, 4) [rad] of each limb. Those of limbs
-with tables are there already."""
+ROBOTS = returns(
+    views(2), reads(2, COMMANDS), reads(1, DRIVES), reads(3), reads(1, from_dtype(LIMB)), writes(3),
+    int64, reads(2), reads(1, int64), reads(3), reads(3),
+)  # fmt: skip
+"""Of all worlds: MuJoCo's joint angles (N, m) at the frame, commands to all servos, joints that they move,
+tables of `posture.LimbTables`, and output: first four generic angles (N, parts, 4) [rad] of each limb (those
+of limbs with tables are there already). Then index of the torso's body, pose (4, 4) of the torso frame in it,
+bodies (l,) of `SkinLayout.links`, and positions (N, b, 3) [m] and orientations (N, b, 9) of all bodies in the
+world frame."""
 
 
 @inlined
@@ -209,15 +209,14 @@ def _relative(out: Array, torso: Array, p: Array, R: Array) -> None:
             out[i, 3] += torso[k, i] * (p[k] - torso[k, 3])
 
 
-@compiled(int64(int64, SKINS, LAYOUT, ESTIMATES, FELT, LIMBS, LINKS, LIMITS, CLUSTERS, FOUND, ROOM))
+@compiled(int64(int64, SKINS, LAYOUT, ESTIMATES, FELT, ROBOTS, LIMITS, CLUSTERS, FOUND, ROOM))
 def take(
     step: int,
     skins: Arrays,
     layout: LayoutArrays,
     estimates: Estimates,
     felt: Arrays,
-    limbs: tuple[Array, Records, Records, Array, Records, Array],
-    links: Arrays,
+    robots: tuple[Array, Records, Records, Array, Records, Array, int, Array, Places, Array, Array],
     limits: Limits,
     clusters: Clusters,
     found: tuple[Records, Places, Records, Places],
@@ -234,8 +233,7 @@ def take(
         layout: The skin.
         estimates: What is known of its taxels.
         felt: Output, see `FELT`.
-        limbs: See `LIMBS`.
-        links: See `LINKS`.
+        robots: See `ROBOTS`.
         limits: Least forces of a contact.
         clusters: Work space.
         found: Output, see `FOUND`.
@@ -244,9 +242,8 @@ def take(
     full: int = _feel(step, skins, layout, estimates, felt)
     if full:
         return -full
-    qpos, asked, drives, weights, tables, posture = limbs
+    qpos, asked, drives, weights, tables, posture, torso, T_LT, bodies, centres, turns = robots
     poses, begin, active, pressure, summary, angles = room
-    torso, T_LT, bodies, centres, turns = links
     _, listed, pressures, numbers, _ = felt
     rows, begins, pressed, counts = found
     frame = poses[len(bodies)]

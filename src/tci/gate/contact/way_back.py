@@ -57,7 +57,7 @@ def go_on(scene: Scene, group: Group, seen: Seen) -> Array | None:
     still = held or seen.felt.force > LIGHT
     thing = bool(group.thing) and (still or bent or pressed) and scene.thing(group, seen) is not None
     # at a thing there is no way back: what it bears there is no reason to go on
-    if thing and not (group.answer == "stop" and not group.slow):
+    if thing and still and not (group.answer == "stop" and not group.slow):
         if np.abs(here - group.goal).max() >= STEP:
             group.free = None
             return group.goes(here)

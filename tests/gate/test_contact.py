@@ -203,6 +203,23 @@ def test_a_joint_that_its_way_back_pressed_against_somebody_else_is_not_thrown_a
     assert np.abs(after[round(0.3 / PERIOD) :] - held.behind).max() < np.deg2rad(0.5)
 
 
+def test_a_part_that_meets_somebody_in_its_first_moment_goes_back_with_all_its_joints() -> None:
+    """For as long as joints may lag, 0.3 s over a wire, it pushed on: its references were not old enough."""
+    held = Held(at=9.0, settings=OVER_A_WIRE)
+    held.step(position_command([1, 2], [1.5, 1.5]), contacts=pressed())
+    for _ in range(14):
+        held.step(contacts=pressed())
+    met = held.now
+    for _ in range(25):
+        held.step(contacts=pressed(40.0))
+    assert held.told
+    there = held.angles[[1, 2]].copy()
+    for _ in range(25):
+        held.step(contacts=pressed(40.0))
+    assert held.now < met + 0.6
+    assert (held.angles[[1, 2]] < there).all() or (held.angles[[1, 2]] < 0.02).all()
+
+
 def test_without_the_answer_it_presses_for_ever() -> None:
     held = Held(settings=ALONE)
     held.step(position_command([2], [1.5]))

@@ -112,7 +112,8 @@ def beside_its_leg() -> tuple[Lowered, Callable[[float], Contacts]]:
             break
     pair = touching[0]
     sign = 1.0 if PITCH in KinematicChain(NAO).chain(pair.first) else -1.0
-    arm.run(0.05, goal=85.5)
+    arm.angles[PITCH] = np.deg2rad(82.0)
+    arm.run(0.25, goal=85.5)
     return arm, lambda side: touch("left_forearm", pair.p_T, side * sign * pair.way_T)
 
 

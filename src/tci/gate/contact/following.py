@@ -200,7 +200,8 @@ class Following:
             behind = (rows[-1] - joints.position) * np.sign(ways[0]) > CLEAR * self._held
             stands = (least > SLOWEST) & (gone < SHARE * least) & behind
             error[stands] = np.maximum(error, self._held + least - gone)[stands]
-        error[goes] = 0.0
+        # whose references are too new to tell is not late yet
+        error[goes | (np.isnan(error) & np.isfinite(rows[-1]))] = 0.0
         pull = rows[-1] - joints.position
         # what lags goes the same way; a servo without reference pulls nowhere
         self.pull = np.where(np.abs(pull) >= 0.5 * CLEAR * self._held, pull, 0.0)

@@ -75,6 +75,8 @@ class Group:
     """Whom it met; None without a reaction."""
     goal: Array | None = None
     """Where the present way back ends [rad]; None without a reaction."""
+    beyond: float = 0.0
+    """How far it went [rad] since its path was used up."""
     since: float = 0.0
     """When the reference reached the goal [s]; inf while it moves."""
     free: float | None = None

@@ -73,9 +73,16 @@ class Seen(NamedTuple):
         """Where its joints push whom it meets (k,), as `bears`; as they move if torques tell nothing yet."""
         if (np.abs(self.bears) > SIGN).any():
             return self.bears
+        rates = self.rates
+        found: Array = rates / max(float(np.abs(rates).max()), 1e-9)
+        return found
+
+    @property
+    def rates(self) -> Array:
+        """Speeds (k,) [rad/s] of its references; 0 where it has none."""
         whole = np.zeros(len(self.joints.position))
         whole[self.reference.servos] = self.reference.velocity
-        found: Array = whole[self.servos] / max(float(np.abs(whole[self.servos]).max()), 1e-9)
+        found: Array = whole[self.servos]
         return found
 
     @property

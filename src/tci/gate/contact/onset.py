@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tci.gate.contact.group import WITHIN, Group
-from tci.gate.contact.led import led, speed_into
+from tci.gate.contact.led import crept, leaves, led
 from tci.gate.contact.noticing import EARLIER, SOONER, Seen
 from tci.gate.contact.others import First
 from tci.gate.contact.scene import Scene
@@ -22,7 +22,7 @@ def meet(scene: Scene, group: Group, seen: Seen, *, freeing: bool) -> tuple[Arra
     noticing = group.noticing
     noticing.look(seen, scene.settings, moves=scene.moves_now(group))
     if not freeing and led(scene, group, seen):
-        away = not group.softness.soft and speed_into(scene, group, seen) < 0.0
+        away = not group.softness.soft and leaves(scene, group, seen)
         return _soften(scene, group, seen, moves=away), None
     expected = LIGHT < seen.felt.force <= scene.handled(group)
     pulled, what = False, f"{seen.felt.force:.0f} N on its skin"
@@ -35,7 +35,7 @@ def meet(scene: Scene, group: Group, seen: Seen, *, freeing: bool) -> tuple[Arra
             servo, angle = scene.robot.servos[seen.loosest].name, np.rad2deg(seen.bent)
             what = f"{servo}, which nobody commands, is bent by {angle:.1f} degrees"
         before, pulled = noticing.before(float(scene.following.lags[seen.worst])), True
-    elif seen.felt.made > scene.allowed(group):
+    elif seen.felt.made > scene.allowed(group) or crept(scene, group, seen):
         before = max(seen.felt.since - SOONER, seen.joints.stamp - EARLIER)
     elif freeing and (noticing.held or seen.felt.force > LIGHT):
         before, pulled, group.slow = np.inf, noticing.held, True
@@ -76,6 +76,7 @@ def _soften(scene: Scene, group: Group, seen: Seen, *, moves: bool) -> Array | N
 
 def _begin(scene: Scene, group: Group, goal: Array) -> None:
     group.goes(goal)
+    group.beyond = 0.0
     group.noticing.outside, group.softness.soft = 0, False
     if group.slow or group.thing:
         return

@@ -99,6 +99,10 @@ class First:
         """True if it may go, or go on, towards whom it met first."""
         return self._away is None or self.steps > 0
 
+    def pushed(self, way: Array) -> bool:
+        """True if its joints pushed that `way` (k,) [rad] when it met them."""
+        return float(way @ self._pull) > 0.0
+
     def next(self, seen: Seen, now: float, *, between: bool = False) -> First:
         """Another, whom it meets on its way back, or (`between`) together with the first."""
         away = ROOM * (self._there - seen.here)

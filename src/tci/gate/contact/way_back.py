@@ -8,7 +8,7 @@ from tci.gate.contact.between import leave_both
 from tci.gate.contact.following import CLEAR
 from tci.gate.contact.group import MOVES, Group
 from tci.gate.contact.noticing import SIGN, Seen
-from tci.gate.contact.path import STEP
+from tci.gate.contact.path import FURTHER, STEP
 from tci.gate.contact.scene import Scene
 from tci.gate.contact.softness import LIGHT
 from tci.messages.frames import Array
@@ -75,10 +75,17 @@ def go_on(scene: Scene, group: Group, seen: Seen) -> Array | None:
             if behind:
                 leaves = group.first.steps > 0
                 return group.goes(group.first.room(here)) if leaves else _leave(scene, group, seen)
+            out = None if held else _out(scene, group, seen)
             if group.path:
                 goal = group.back(seen, np.inf, pulled=held)
-                if np.abs(goal - here).max() > STEP and not scene.tips(group, seen, goal):
+                into = scene.places.into_strongest(seen, scene.on(group))
+                if out is not None and into @ (goal - here) > 0.0:
+                    group.path.clear()
+                elif np.abs(goal - here).max() > STEP and not scene.tips(group, seen, goal):
                     return group.goes(goal)
+            if out is not None:
+                group.beyond += float(np.abs(out - here).max())
+                return group.goes(out)
             if bent and not held:
                 return group.goes(group.first.room(here))
         # nowhere to go: the reference goes where the joint is, and as far again if no weight bent it so
@@ -88,6 +95,17 @@ def go_on(scene: Scene, group: Group, seen: Seen) -> Array | None:
         return group.goes(group.first.last(here))
     release(scene, group)
     return None
+
+
+def _out(scene: Scene, group: Group, seen: Seen) -> Array | None:
+    """Where a group goes (k,) [rad] that no path leads away from whoever its skin feels: out of there,
+    all in all as far as a way back is long, since a patch may report a force for ever. Not into whoever held
+    its joints."""
+    assert group.first is not None
+    way = scene.places.out(seen, scene.on(group))
+    if way is None or group.beyond + np.abs(way).max() > FURTHER or group.first.pushed(way):
+        return None
+    return None if scene.tips(group, seen, seen.here + way) else seen.here + way
 
 
 def _leave(scene: Scene, group: Group, seen: Seen) -> Array:

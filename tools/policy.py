@@ -90,16 +90,16 @@ def episode(env: TouchEnv, seed: int, act: Callable[[Any], Any]) -> tuple[float,
     """Return, harm, peak force [N], largest motion [rad] before the touch, and 1 if the touch was left."""
     seen, _ = env.reset(seed=seed)
     total, harm, moved, forces, over = 0.0, 0.0, 0.0, list[float](), False
-    home = env.driver.read().joints.position
+    home, finger = env.driver.read().joints.position, env.world.finger
     while not over:
         seen, reward, _, over, info = env.step(act(seen))
         total, harm = total + reward, harm - info["harm"] / env.policy.rate
         forces.append(info["force"])
-        if max(forces) == 0.0:
+        if finger.first_contact is None:
             moved = max(moved, float(np.abs(env.driver.read().joints.position - home).max()))
     touched = np.flatnonzero(forces)
     left = touched.size and 0.0 in forces[touched[0] : touched[0] + round(env.policy.rate)]
-    return total, harm, max(forces), moved, float(bool(left))
+    return total, harm, finger.peak_force, moved, float(bool(left))
 
 
 def poke(driver: SimulatedDriver, chance: np.random.Generator) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -11,11 +11,19 @@ import numpy as np
 from helpers.rigid_robot import Dirt, Person, RigidDriver, RigidRobot
 from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
+from tci.capabilities.play_gesture import PlayGesture
+from tci.gestures.gesture import Fitted, Gesture
 from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode
 from tci.messages.frames import Array
 from tci.robot.description import Robot
 from tci.runtime.loop import run
 
+By = Literal["order", "gesture"]
+"""Who moves the arm."""
+Path = list[dict[str, tuple[Array, Array]]]
+"""Poses of links (3,) [m], (3, 3) every period."""
+DOWN = -0.7
+"""Vertical part of the direction in which a link goes that presses somebody below it."""
 LASTS = 3.4
 """Length of a trial [s]: the longest way to the person and 2 s of contact."""
 
@@ -41,6 +49,7 @@ class Squeeze:
     rate: float
     """Of readings and commands [Hz]."""
     seed: int
+    by: By = "order"
 
 
 @dataclass(frozen=True)
@@ -85,34 +94,56 @@ class Reach(Capability[bool]):
         return (() if memory else (GenericCommand(one.part, one.mode, one.goal),)), True
 
 
-def draw(robot: Robot, seed: int, *, mode: Mode = Mode.POSITION, part: str = "") -> Squeeze:
-    """Draws a trial in which the person is clear of the robot at first, and met on the way."""
+def draw(
+    robot: Robot,
+    seed: int,
+    *,
+    mode: Mode = Mode.POSITION,
+    part: str = "",
+    by: By = "order",
+    below: bool = False,
+) -> Squeeze:
+    """Draws a trial in which the person is clear of the robot at first, and met on the way; `below` the arm,
+    which comes down, if so asked."""
     random = np.random.default_rng(seed)
-    while (one := _try(robot, seed, random, mode, part)) is None:
+    while (one := _try(robot, seed, random, mode, part, by, below)) is None:
         pass
     return one
 
 
-def _try(robot: Robot, seed: int, random: np.random.Generator, mode: Mode, part: str) -> Squeeze | None:
+def _capability(one: Squeeze) -> Capability[Any]:
+    if one.by == "order":
+        return Reach(one)
+    way = float(np.abs(one.goal - one.start).max())
+    gesture = Gesture(np.array([0.0, way / (3.0 * one.share)]), {one.part: np.array([one.start, one.goal])})
+    return PlayGesture(Fitted(gesture, gesture, 1.0, {}, ()))
+
+
+def _try(
+    robot: Robot, seed: int, random: np.random.Generator, mode: Mode, part: str, by: By, below: bool
+) -> Squeeze | None:
     arms = [one.name for one in robot.parts if one.kind == "arm"]
     part = part or str(random.choice(arms))
     start, goal = (_posture(robot, part, random) for _ in range(2))
     stiffness = 75e3 if random.random() < 1 / 3 else float(np.exp(random.uniform(np.log(8e3), np.log(75e3))))
     share = 1.0 if random.random() < 0.5 else float(random.uniform(0.2, 1.0))
     rate = float(random.choice([100.0, 500.0]))
-    free = Squeeze(part, start, goal, mode, share, stiffness, "", np.zeros(3), np.zeros(3), rate, seed)
+    free = Squeeze(part, start, goal, mode, share, stiffness, "", np.zeros(3), np.zeros(3), rate, seed, by)
     plant, path = _path(robot, free)
     links = links_of(robot, plant, part)
     link = str(random.choice(links))
     index = int(random.uniform(0.25, 0.75) * len(path))
+    if below:
+        spots = [(name, k) for name in links for k in range(len(path) // 4, 3 * len(path) // 4, 12)]
+        falls = [spot for spot in spots if _ahead(plant, path, *spot, free.rate)[2] < DOWN]
+        if not falls:
+            return None
+        link, index = falls[int(random.integers(len(falls)))]
     vertices = vertices_of(plant, link)
     here, rotation = path[index][link]
-    after, turned = path[min(index + max(1, round(0.008 * free.rate)), len(path) - 1)][link]
-    moved = (after + vertices @ turned.T) - (here + vertices @ rotation.T)
-    ahead = moved.mean(axis=0)
-    if np.linalg.norm(ahead) < 2e-3:
+    ahead = _ahead(plant, path, link, index, free.rate)
+    if not ahead.any():
         return None
-    ahead /= np.linalg.norm(ahead)
     # the foremost vertices strike first
     world = here + vertices @ rotation.T
     front = world @ ahead
@@ -125,6 +156,17 @@ def _try(robot: Robot, seed: int, random: np.random.Generator, mode: Mode, part:
             if np.linalg.norm(p + vertices_of(plant, name) @ r.T - at, axis=1).min() < 0.031:
                 return None
     return None if _touches(robot, one) else one
+
+
+def _ahead(plant: RigidRobot, path: Path, link: str, index: int, rate: float) -> Array:
+    """Direction (3,) in which a link goes; zeros if it hardly does."""
+    vertices = vertices_of(plant, link)
+    here, rotation = path[index][link]
+    after, turned = path[min(index + max(1, round(0.008 * rate)), len(path) - 1)][link]
+    moved = (after + vertices @ turned.T) - (here + vertices @ rotation.T)
+    ahead: Array = moved.mean(axis=0)
+    far = float(np.linalg.norm(ahead))
+    return np.zeros(3) if far < 2e-3 else ahead / far
 
 
 def _touches(robot: Robot, one: Squeeze) -> bool:
@@ -155,7 +197,7 @@ def squeeze(
             there[0] = True
             plant.place("second", _behind(robot, plant, one, behind))
 
-    result = run(driver, Reach(one), duration=LASTS, observe=see)
+    result = run(driver, _capability(one), duration=LASTS, observe=see)
     force = plant.felt["person"]
     first = force.first
     said = [str(notice) for notice in (*result.refusals, *result.clamps, *result.holds, *result.went_back)]
@@ -219,16 +261,16 @@ def _plant(robot: Robot, one: Squeeze, dirt: Dirt | None) -> RigidRobot:
     return RigidRobot(robot, people=people, dirt=dirt, seed=one.seed, angles=angles, rate=one.rate)
 
 
-def _path(robot: Robot, one: Squeeze) -> tuple[RigidRobot, list[dict[str, tuple[Array, Array]]]]:
+def _path(robot: Robot, one: Squeeze) -> tuple[RigidRobot, Path]:
     """The plant, and the links' poses every period, with nobody in the way."""
     plant = _plant(robot, one, None)
-    path: list[dict[str, tuple[Array, Array]]] = []
+    path: Path = []
     names = [plant.model.body(k).name for k in plant._own]
 
     def see(_: Any) -> None:
         path.append({name: plant.link_pose(name) for name in names})
 
-    run(RigidDriver(plant), Reach(one), duration=1.2, observe=see)
+    run(RigidDriver(plant), _capability(one), duration=1.2, observe=see)
     return plant, path
 
 

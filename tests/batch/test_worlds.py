@@ -96,32 +96,6 @@ def test_pokes_and_contacts_equal_those_of_single_worlds(worlds: MujocoWorlds) -
     assert count > 5 * len(alone)
 
 
-def test_several_threads_compute_what_one_computes() -> None:
-    scene = tci.batch.batch_scene("nao")
-    alone, *others = (MujocoWorlds(scene, COUNT, threads=threads) for threads in (1, 2, 5))
-    names, taxels = random_pokes(alone, np.random.default_rng(3))
-    home, chance, count = alone.joints, np.random.default_rng(4), 0
-    for one in (alone, *others):
-        one.poke(names, taxels)
-        one.track()
-    for duration in (STEP, 0.004, 0.018, 0.1, 0.02, 0.05, 0.002, 0.03):
-        targets = home + chance.normal(0.0, 0.03, home.shape)
-        for one in (alone, *others):
-            one.send(targets)
-            one.advance(duration)
-        for one in others:
-            for mine, its in ((one.force, alone.force), (one.joints, alone.joints)):
-                np.testing.assert_array_equal(mine, its)
-            for w in range(COUNT):
-                found, expected = one.perceive(w), alone.perceive(w)
-                np.testing.assert_array_equal(found.contacts.rows, expected.contacts.rows)
-                np.testing.assert_array_equal(found.skin.pressure, expected.skin.pressure)
-                np.testing.assert_array_equal(found.skin.stamp, expected.skin.stamp)
-                np.testing.assert_array_equal(found.joints.position, expected.joints.position)
-                count += len(expected.contacts)
-    assert count > 2 * COUNT
-
-
 def test_only_the_worlds_that_are_meant_are_poked_and_reset(worlds: MujocoWorlds) -> None:
     worlds.reset()
     patch = next(one.name for one in worlds.scene.robot.patches if one.segment == "forearm")

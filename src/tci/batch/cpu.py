@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -38,8 +37,7 @@ class MujocoWorlds(Worlds):
     Args:
         scene: The scene.
         count: Number of worlds.
-        threads: Threads of the physics; 0 for one per processor. With several, one more takes the frames of
-            skin meanwhile.
+        threads: Threads of the physics; 0 for one per processor.
         skin: False leaves taxels and contacts out; the physics stays the same.
     """
 
@@ -63,15 +61,8 @@ class MujocoWorlds(Worlds):
         self._every = int(world.servos.ramp_steps)
         shared = world.taxels.arrays
         self._rows = shared[3].copy()
-        self._now = self._sensors, self._centres, self._turns
-        alone = self.batch.nthread == 1
-        self._kept = self._now if alone else tuple(np.zeros(one.shape) for one in self._now)
-        """What the physics computed in the step of the latest frame, as far as `loops.take` reads it."""
-        self._beside = None if alone else ThreadPoolExecutor(1)
-        """The thread that takes frames while the physics goes on."""
-        self._taking: Future[int] | None = None
         skins = (
-            *self._kept, self._rows, *shared[4:8],
+            self._sensors, self._centres, self._turns, self._rows, *shared[4:8],
             *(np.array(one) for one in shared[8:]),
         )  # fmt: skip
         n, p = scene.taxels, len(layout.sites)
@@ -92,13 +83,12 @@ class MujocoWorlds(Worlds):
             np.zeros((len(scene.bodies) + 1, 4, 4)), np.zeros(p + 1, np.int64), np.zeros(n, np.int32),
             np.zeros(n), np.zeros(MOST, SUMMARY), np.zeros(len(scene.robot.servos)),
         )  # fmt: skip
-        self._limbs = LimbTables(scene.body)
-        self._before = self._qpos.copy(), self._qvel.copy(), self._asked.copy()
+        self._limbs, self._before = LimbTables(scene.body), (self._qpos.copy(), self._qvel.copy())
         self._posture = np.zeros((count, len(self._limbs.limbs), ANGLES))
         robots = (
-            self._before[0], self._before[2], world.servos.drives, self._limbs.weights, self._limbs.limbs,
+            self._before[0], self._asked, world.servos.drives, self._limbs.weights, self._limbs.limbs,
             self._posture,
-            scene.torso, np.ascontiguousarray(scene.T_LT), scene.bodies, *self._kept[1:],
+            scene.torso, np.ascontiguousarray(scene.T_LT), scene.bodies, self._centres, self._turns,
         )  # fmt: skip
         self._tables = (
             skins, layout.arrays, scene.estimates, self._felt, robots,
@@ -142,59 +132,38 @@ class MujocoWorlds(Worlds):
 
     def advance(self, duration: float) -> None:
         last = self.steps + self._steps_in(duration)
-        try:
-            while self.steps < last:
-                self._step()
-        finally:
-            self._settle()
-
-    def _step(self) -> None:
-        number, time = self.steps, self.steps * self.scene.step
-        if number % self._every == self.phase:
-            sent = self._limiter.step(self._wanted)
-            loops.aim(sent, self.scene.world.servos.top, float(self._every), self._drives, self._asked)
-        loops.prepare(time, self._qpos, self._ctrl, self._drives, self._asked, self._pokes)
-        due = self._stages is not None and number >= self._due
-        if due:
-            self._settle()
-            for before, one in zip(self._before, (self._qpos, self._qvel, self._asked), strict=True):
-                before[:] = one
-        if self._stages is not None and due != self._senses:  # nobody reads them in other steps
-            self._stages[:, self._contact_sensors] = ACC if due else NONE
-            self._senses = due
-        self.batch.step()
-        loops.note(time, self._sensors, self._pokes, self._row)
-        self.steps = number + 1
-        if due:
-            self._feel(number)
+        while self.steps < last:
+            number, time = self.steps, self.steps * self.scene.step
+            if number % self._every == self.phase:
+                sent = self._limiter.step(self._wanted)
+                loops.aim(sent, self.scene.world.servos.top, float(self._every), self._drives, self._asked)
+            loops.prepare(time, self._qpos, self._ctrl, self._drives, self._asked, self._pokes)
+            due = self._stages is not None and number >= self._due
+            if due:
+                self._before[0][:], self._before[1][:] = self._qpos, self._qvel
+            if self._stages is not None and due != self._senses:  # nobody reads them in other steps
+                self._stages[:, self._contact_sensors] = ACC if due else NONE
+                self._senses = due
+            self.batch.step()
+            loops.note(time, self._sensors, self._pokes, self._row)
+            self.steps = number + 1
+            if due:
+                self._feel(number)
 
     def _feel(self, number: int) -> None:
         """Takes the frames that are due at the beginning of a step, which is over now; the joints were at
-        `_before`. With several threads they are there after `_settle`."""
+        `_before`."""
         if self._limbs.tabled:
             felt = (self._sensors[:, self._rows["sensor"]] > 0.0).any(axis=1) | self._numbers.any(axis=1)
             if len(worlds := np.flatnonzero(felt)):
-                angles = self._angles_at(self._before[0][worlds], self._before[2][worlds])
+                angles = self._angles_at(self._before[0][worlds], self._asked[worlds])
                 self._limbs.fill(angles, worlds, self._posture)
-        self._due = loops.mark(number, self._rows)
-        if self._beside is None:
-            self._end_frame(loops.take(number, *self._tables))
-        else:
-            loops.keep(self._now, self._kept, self._rows, self._numbers)
-            self._taking = self._beside.submit(loops.take, number, *self._tables)
-
-    def _settle(self) -> None:
-        """Waits for the frames that are being taken."""
-        if self._taking is not None:
-            taking, self._taking = self._taking, None
-            self._end_frame(taking.result())
-
-    def _end_frame(self, fault: int) -> None:
-        if fault:
-            far, world = divmod(fault - 1, self.count)
+        due = loops.take(number, *self._tables)
+        if due < 0:
+            far, world = divmod(-1 - due, self.count)
             most = f"more than {MOST} contacts" if far else "too many contacts on one patch"
             raise TciError(f"world {world}: {most} at once")
-        self.frames += 1
+        self.frames, self._due = self.frames + 1, due
         self._follow()
 
     def _active_of(self, world: int) -> tuple[NDArray[np.int64], NDArray[np.int32], Array]:
@@ -206,10 +175,10 @@ class MujocoWorlds(Worlds):
         return numbers, listed[world, own], pressure[world, own]
 
     def _then(self, world: int) -> tuple[Array, Array]:
-        (qpos, qvel, asked), own = self._before, slice(world, world + 1)
+        qpos, qvel = (one[world : world + 1] for one in self._before)
         drives, velocity = self.scene.world.servos.drives[::-1], np.zeros(self._wanted.shape[1])
-        velocity[drives["servo"]] = qvel[world, drives["dof"]] / drives["ratio"]
-        return self._angles_at(qpos[own], asked[own])[0], velocity
+        velocity[drives["servo"]] = qvel[0, drives["dof"]] / drives["ratio"]
+        return self._angles_at(qpos, self._asked[world : world + 1])[0], velocity
 
     def _stamps(self) -> Array:
         """Times (p,) [s] of the latest frames."""

@@ -55,9 +55,7 @@ def _plan(
     _change(peak, 0.0, 0.0, most, jerk, sign, 5, times, jerks)
 
 
-@compiled(
-    int64(float64, views(2), reads(2), writes(2), writes(3), writes(3), writes(3), writes(2)), nogil=True
-)
+@compiled(int64(float64, views(2), reads(2), writes(2), writes(3), writes(3), writes(3), writes(2)))
 def advance(
     period: float, wanted: Array, limits: Array, goals: Array, states: Array, times: Array, jerks: Array,
     sent: Array,

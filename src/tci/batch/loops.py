@@ -12,7 +12,7 @@ from tci.messages.contacts import CONTACT
 from tci.messages.contacts import TAXEL as PRESSED
 from tci.messages.frames import Array
 from tci.simulation import sampling
-from tci.simulation.sampling import ACTIVE, AREA, MARK, NUMBERS, PRESSING, SLOTS, Arrays, counts_of, press
+from tci.simulation.sampling import ACTIVE, AREA, MARK, PRESSING, SLOTS, Arrays, counts_of, press
 from tci.simulation.stepping import ASKED, DRIVE, POKE, Records, drive, follow, note_tip, push
 from tci.skin.kernels.arrays import (
     CLUSTERS,
@@ -91,57 +91,8 @@ def servo_angles(qpos: Array, asked: Records, drives: Records, out: Array) -> in
     return len(qpos)
 
 
-PATCHES = from_dtype(sampling.PATCH)
-
-
-@compiled(int64(int64, writes(1, PATCHES)))
-def mark(step: int, patches: Records) -> int:
-    """Notes at which patches a frame is due at the step with the number `step`. Returns the number of the
-    step of the next frame."""
-    following = NEVER
-    for p in range(len(patches)):
-        one = patches[p]
-        if step >= one.due:
-            one.count += 1
-            one.due = max(math.ceil((one.count + 1) / one.rate - 1e-6), step + 1)
-            one.taken = step
-        following = min(following, one.due)
-    return following
-
-
-STATES = returns(reads(2), reads(3), reads(3)), returns(writes(2), writes(3), writes(3))
-"""Sensors, positions and orientations of bodies of all worlds: as they are, and a copy."""
-
-
-@compiled(int64(*STATES, reads(1, PATCHES), reads(2, int64)))
-def keep(
-    now: tuple[Array, Array, Array], kept: tuple[Array, Array, Array], patches: Records, numbers: Places
-) -> int:
-    """Copies what `take` reads of all worlds, some of whose taxels are active (`numbers`, see `FELT`)."""
-    sensors, centres, turns = now
-    for w in range(len(sensors)):
-        touched = False
-        for p in range(len(patches)):
-            first, floor = patches[p].sensor, patches[p].floor
-            found = sensors[w, first]
-            touched |= found > 0.0 or numbers[w, p] > 0
-            for i in range(first, first + NUMBERS * int(min(max(found, 1.0), SLOTS))):
-                kept[0][w, i] = sensors[w, i]
-            if floor >= 0:
-                touched |= sensors[w, floor] > 0.0
-                for i in range(floor, floor + NUMBERS):
-                    kept[0][w, i] = sensors[w, i]
-        if touched:
-            for b in range(centres.shape[1]):
-                for i in range(3):
-                    kept[1][w, b, i] = centres[w, b, i]
-                for i in range(9):
-                    kept[2][w, b, i] = turns[w, b, i]
-    return len(sensors)
-
-
 SKINS = returns(
-    reads(2), reads(3), reads(3), writes(1, PATCHES), reads(2), reads(2),
+    reads(2), reads(3), reads(3), writes(1, from_dtype(sampling.PATCH)), reads(2), reads(2),
     reads(1, int64), reads(2), writes(2), writes(2, int64), writes(2), writes(2), writes(1),
 )  # fmt: skip
 """`sampling.SKIN` with sensors, positions and orientations of links of all worlds."""
@@ -196,7 +147,7 @@ def _read(
 
 @inlined
 def _feel(step: int, skins: Arrays, layout: LayoutArrays, estimates: Estimates, felt: Arrays) -> int:
-    """Takes the frames that are due at the step with the number `step`, see `mark`, in all worlds.
+    """Takes the frames that are due at the step with the number `step`, in all worlds.
 
     Returns the number of a world with too many contacts on one patch (`SLOTS`), + 1; else 0.
     """
@@ -205,8 +156,11 @@ def _feel(step: int, skins: Arrays, layout: LayoutArrays, estimates: Estimates, 
     full = 0
     for p in range(len(patches)):
         one = patches[p]
-        if one.taken != step:
+        if step < one.due:
             continue
+        one.count += 1
+        one.due = max(math.ceil((one.count + 1) / one.rate - 1e-6), step + 1)
+        one.taken = step
         for w in range(len(sensors)):
             if loaded[w, p, 1]:
                 for i in range(loaded[w, p, 0], loaded[w, p, 1]):
@@ -270,8 +224,8 @@ def take(
 ) -> int:
     """Takes the frames that are due at a step, and finds the contacts of all worlds.
 
-    Returns 0, or an error: 1 + w if a patch of the world w has too many contacts (`SLOTS`), 1 + w + N if this
-    world has more contacts than there is room for.
+    Returns the number of the step of the next frame; below zero for an error: -1 - w if a patch of the world
+    w has too many contacts (`SLOTS`), -1 - w - N if this world has more contacts than there is room for.
 
     Args:
         step: Number of the step.
@@ -287,7 +241,7 @@ def take(
     """
     full: int = _feel(step, skins, layout, estimates, felt)
     if full:
-        return full
+        return -full
     qpos, asked, drives, weights, tables, posture, torso, T_LT, bodies, centres, turns = robots
     poses, begin, active, pressure, summary, angles = room
     _, listed, pressures, numbers, _ = felt
@@ -309,7 +263,7 @@ def take(
         state = ActiveTaxels(pressure, begin, active, pressure)
         count, _, _ = find_clusters(state, limits, estimates.onset, layout, clusters)
         if count > len(summary):
-            return 1 + w + len(counts)
+            return -1 - w - len(counts)
         counts[w] = count
         if count == 0:
             continue
@@ -326,4 +280,7 @@ def take(
                     _relative(poses[link], frame, centres[w, bodies[link]], turns[w, bodies[link]])
         out = ContactArrays(rows[w], begins[w], pressed[w])
         describe_clusters(layout, estimates.hidden, clusters, poses, posture[w], summary, out)
-    return 0
+    following = NEVER
+    for p in range(len(layout.patches)):
+        following = min(following, skins[3][p].due)
+    return following

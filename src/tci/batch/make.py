@@ -50,8 +50,7 @@ def make_worlds(
         count: Number of worlds.
         engine: "mujoco" on processors, in double precision; "warp" on a GPU, in single precision (extra
             `batch`).
-        threads: Threads of the physics on processors; 0 for one each. With several, one more takes the frames
-            of skin meanwhile.
+        threads: Threads of the physics on processors; 0 for one each.
         device: Warp's name of a GPU, such as "cuda:1"; by default the first one.
         skin: False leaves taxels and contacts out; the physics stays the same.
         world: Of `World`: `step`, `posture`, `tip`, `period`.

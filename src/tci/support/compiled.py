@@ -41,7 +41,7 @@ python_of: dict[Any, Callable[..., Any]] = {}
 """The Python function of each loop that was loaded."""
 
 
-def compiled(signature: Any, *, seldom: bool = False, nogil: bool = False) -> Callable[..., Any]:
+def compiled(signature: Any, *, seldom: bool = False) -> Callable[..., Any]:
     """Makes a loop machine code for the types of `signature`. The loop must not create arrays: counting
     references to them with atomic instructions takes most of the time of a small loop.
 
@@ -50,11 +50,10 @@ def compiled(signature: Any, *, seldom: bool = False, nogil: bool = False) -> Ca
             that is only read), but nothing within a NamedTuple.
         seldom: True for a loop that most programs never call. It is compiled and loaded when it is first
             called, or when `prepare` is called: do this before a control loop that may need it.
-        nogil: True for a loop beside which other threads of Python run.
     """
 
     def decorate(loop: Callable[..., Any]) -> Any:
-        function = _jit(loop, nogil=nogil)
+        function = _jit(loop)
         if seldom:
             return Seldom(function, signature)
         if is_worker():

@@ -183,7 +183,7 @@ def _print_touches(robot: Robot, proof: Proof) -> None:
     moved = sum(patch.answered for patch in proof.patches)
     console.print(f"skin: {moved} of {len(proof.patches)} patches moved away from a poke in their middle")
     for patch in proof.patches:
-        if not patch.answered:
+        if not patch.answered and not patch.fault:  # faults are told on their own
             why = escape(
                 patch.reason or "no receptive field of the two withdrawal reflexes covers this place"
             )

@@ -180,7 +180,8 @@ def test_every_patch_is_poked_and_a_motion_towards_the_finger_is_found_out(
     assert "would press pad" in refused.reason
     assert not refused.fault
     monkeypatch.setattr("tci.capabilities.withdrawal_rule.why_not", lambda *a, **options: "")
-    (pressed,) = patch_trials_of(robot, WithdrawalReflex(), wrong)  # the gate frees the finger afterwards
+    (pressed,) = patch_trials_of(robot, WithdrawalReflex(), wrong)
+    assert not pressed.answered, "the gate frees the finger afterwards, not the reflex"
     assert "left_hand moves towards the finger" in pressed.fault
 
 

@@ -32,7 +32,7 @@ class PatchTrial:
     part: str
     answered: bool
     """True if the reflex commanded this part and no other part, and the part's skin moved away from the
-    finger."""
+    finger without a fault: the gate takes back what a wrong reflex presses into somebody."""
     reason: str
     """Reason why the part did not move. The text is empty if the part moved, or if no receptive field
     contains the poked taxel."""
@@ -73,4 +73,5 @@ def patch_trials_of(
             continue
         trial = measure(robot, patch.part, patch.name, acted, held)
         reason = "; ".join(acted.notes) or ("" if acted.contacts else "the poke was not felt")
-        yield PatchTrial(patch.name, patch.part, trial.responded, reason, acted.peak_force, held.peak_force)
+        one = PatchTrial(patch.name, patch.part, trial.responded, reason, acted.peak_force, held.peak_force)
+        yield replace(one, answered=one.answered and not one.fault)

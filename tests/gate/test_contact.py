@@ -209,14 +209,12 @@ def test_a_part_that_meets_somebody_in_its_first_moment_goes_back_with_all_its_j
     held.step(position_command([1, 2], [1.5, 1.5]), contacts=pressed())
     for _ in range(14):
         held.step(contacts=pressed())
-    met = held.now
     for _ in range(25):
         held.step(contacts=pressed(40.0))
     assert held.told
     there = held.angles[[1, 2]].copy()
     for _ in range(25):
         held.step(contacts=pressed(40.0))
-    assert held.now < met + 0.6
     assert (held.angles[[1, 2]] < there).all() or (held.angles[[1, 2]] < 0.02).all()
 
 

@@ -135,13 +135,19 @@ def test_whoever_leads_an_arm_too_hard_is_given_way_to_and_never_pushed_back() -
     assert arm.gate.state is GateState.RUN
 
 
-def test_whoever_catches_up_with_a_moving_arm_is_not_pressed_by_its_way_back() -> None:
-    """Nothing handles the contact, and skin felt it begin while the arm moved: away from the hand."""
+def leaving() -> Pushed:
+    """An arm that has gone away from where the hand will be for .4 s."""
     arm = Pushed()
     for _ in range(5):
         arm.step(0.0)
     for _ in range(40):
         arm.step(0.0, asked=-SPEED, handled=False)
+    return arm
+
+
+def test_whoever_catches_up_with_a_moving_arm_is_not_pressed_by_its_way_back() -> None:
+    """Nothing handles the contact, and skin felt it begin while the arm moved: away from the hand."""
+    arm = leaving()
     most = max(arm.step(HARD, pushed=SPEED * PERIOD) for _ in range(60))
     assert most < 1.5 * SPEED * PERIOD, "its reference is at most a period behind the hand"
     assert arm.gate.state is GateState.RUN
@@ -149,11 +155,7 @@ def test_whoever_catches_up_with_a_moving_arm_is_not_pressed_by_its_way_back() -
 
 def left(**what: float | bool) -> tuple[Pushed, float]:
     """An arm that leaves a hand, which presses it all the same; how far its reference then went out [m]."""
-    arm = Pushed()
-    for _ in range(5):
-        arm.step(0.0)
-    for _ in range(40):
-        arm.step(0.0, asked=-SPEED, handled=False)
+    arm = leaving()
     begun = arm.here
     ahead = [arm.step(HARD, asked=-SPEED, handled=False, **what) for _ in range(60)]  # type: ignore[arg-type]
     return arm, begun - min(arm.here + one for one in ahead)
@@ -173,13 +175,9 @@ def test_an_arm_that_leaves_one_hand_does_not_go_on_into_another() -> None:
 
 def test_an_arm_that_leaves_a_hand_does_not_press_whom_no_skin_feels() -> None:
     """Somebody behind it stops it; what it then presses with is by how far its reference is ahead."""
-    ends = Pushed()
-    for _ in range(5):
-        ends.step(0.0)
-    for _ in range(40):
-        ends.step(0.0, asked=-SPEED, handled=False)
-    arm, _ = left(ends=ends.here - 0.01)
-    last = [arm.step(HARD, asked=-SPEED, handled=False, ends=ends.here - 0.01) for _ in range(40)]
+    ends = leaving().here - 0.01
+    arm, _ = left(ends=ends)
+    last = [arm.step(HARD, asked=-SPEED, handled=False, ends=ends) for _ in range(40)]
     assert min(last) > -5e-3
     assert arm.gate.state is GateState.RUN
 

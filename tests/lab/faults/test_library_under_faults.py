@@ -126,3 +126,81 @@ def test_14_joints_that_are_stuck_stop_a_robot_that_moves(name: str) -> None:
     assert {one.sent.state for one in done.ticks if one.now >= stopped} == {GateState.STOP}
     assert rests(done.ticks, stopped + 0.5)
     assert presses_nobody(name, done)
+
+
+@pytest.mark.parametrize("name", LIBRARY)
+def test_04_an_angle_that_is_no_number_holds_the_robot_and_it_goes_on(name: str) -> None:
+    done = rehearsed(name, "nan-angle", LATE)
+    held = [one.now for one in done.ticks if one.sent.state is GateState.HOLD]
+    assert AT - 1e-9 <= held[0] < AT + 0.01
+    assert held[-1] < AT + LATE + 0.01
+    assert done.ticks[-1].sent.state is GateState.RUN
+    assert presses_nobody(name, done)
+    assert [one.word for one in done.words] == [one.word for one in rehearsed(name, "", 0.0).words]
+
+
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    [
+        ("teach", "nan-taxel"), ("attend", "out-of-order"), ("words", "nan-taxel"),
+        ("words", "out-of-order"), ("words", "duplicates"), ("words", "clock-jump"),
+    ],
+)  # fmt: skip
+def test_04_11_12_13_a_touch_is_answered_as_without(name: str, fault: str) -> None:
+    done, without = rehearsed(name, fault, LATE), rehearsed(name, "", 0.0)
+    assert {one.sent.state for one in done.ticks} == {GateState.RUN}
+    assert done.force <= without.force + NOISE
+    assert [one.word for one in done.words] == [one.word for one in without.words]
+
+
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    [
+        ("teach", "taxel-stuck-high"), ("teach", "dead-patch"), ("gentle", "saturated-taxel"),
+        ("gentle", "dead-patch"), ("attend", "saturated-taxel"),
+        ("words", "saturated-taxel"), ("words", "baseline-step"),
+    ],
+)  # fmt: skip
+def test_01_03_05_07_skin_that_is_wrong_presses_nobody(name: str, fault: str) -> None:
+    """What they feel may be wrong, and is one touch at most."""
+    done = rehearsed(name, fault, LATE)
+    assert {one.sent.state for one in done.ticks} == {GateState.RUN}
+    assert presses_nobody(name, done)
+    assert len(done.words) <= 1
+
+
+@pytest.mark.parametrize(
+    ("name", "fault", "within"),
+    [
+        ("teach", "wrong-taxel-count", 0.15), ("gentle", "wrong-type", 0.15), ("words", "wrong-type", 0.15),
+        ("teach", "wrong-direction", 0.3), ("attend", "wrong-direction", 0.3),
+        ("teach", "stale-encoder", 0.4), ("attend", "stale-encoder", 0.4), ("attend", "servo-off", 0.02),
+        ("gentle", "mode-mismatch", 0.55), ("teach", "encoder-step", 0.02),
+    ],
+)  # fmt: skip
+def test_15_19_20_22_23_25_35_what_can_not_be_trusted_stops_the_robot(
+    name: str, fault: str, within: float
+) -> None:
+    done = rehearsed(name, fault, END)
+    stopped = next(one.now for one in done.ticks if one.sent.state is GateState.STOP)
+    assert AT - 1e-9 <= stopped < AT + within
+    assert {one.sent.state for one in done.ticks if one.now >= stopped} == {GateState.STOP}
+    assert rests(done.ticks, stopped + 0.5)
+    assert presses_nobody(name, done)
+
+
+@pytest.mark.parametrize("name", ["teach", "attend"])
+def test_21_what_is_blocked_goes_back_and_rests(name: str) -> None:
+    done = rehearsed(name, "stall", END)
+    assert {one.sent.state for one in done.ticks} == {GateState.RUN}
+    assert any(one.sent.met for one in done.ticks if one.now > AT)
+    assert rests(done.ticks, END - 0.2)
+    assert presses_nobody(name, done)
+
+
+@pytest.mark.parametrize("name", ["gentle", "words"])
+def test_41_missed_periods_hold_the_robot_and_it_goes_on(name: str) -> None:
+    done = rehearsed(name, "overrun", LATE)
+    assert {one.sent.state for one in done.ticks} == {GateState.RUN, GateState.HOLD}
+    assert done.ticks[-1].sent.state is GateState.RUN
+    assert presses_nobody(name, done)

@@ -120,6 +120,8 @@ class Attend(Capability[Attention]):
     ) -> tuple[tuple[Order, ...], Attention]:
         """A command to the head or the torso when its target changes."""
         part, now = body.turns_gaze, perception.stamp
+        if not all(np.isfinite(angles).all() for angles in perception.posture.values()):
+            return (), memory  # nobody knows where the touch is, and the gate holds
         memory = self._feel(memory, perception, body)
         if not part or (memory.touch < 0 and memory.home is None):
             return (), memory

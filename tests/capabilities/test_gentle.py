@@ -35,6 +35,17 @@ def test_it_presses_with_no_more_than_its_cap_and_then_goes_on(
 
 
 @pytest.mark.parametrize("seed", [1, 6])
+def test_an_arm_gives_way_to_whom_the_skin_of_its_hand_feels(seed: int) -> None:
+    """The arm itself has no skin."""
+    met = meet("g1-inspire", seed, cap=10.0, stiffness=20e3, lasts=1.8)
+    assert met is not None
+    assert met.felt
+    assert 3.0 < met.peak <= 11.0
+    assert met.kept >= 0.9
+    assert met.state == "RUN"
+
+
+@pytest.mark.parametrize("seed", [1, 6])
 def test_a_hand_that_comes_and_goes_is_not_taken_for_a_stiff_one(seed: int) -> None:
     """It comes by 13 cm with up to 0.2 m/s, and the bar of the 95th percentile is 20 N. The second one comes
     so slowly at first that it seems to stand."""

@@ -14,6 +14,7 @@ import tci
 from helpers.rigid_robot import AWAY, Person, RigidDriver, RigidRobot
 from tci.messages import GenericCommand, JointReading, Mode, Order
 from tci.messages.frames import Array, read_only
+from tci.robot.description import Patch
 from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import KinematicChain
 from tci.runtime.loop import run
@@ -92,6 +93,9 @@ def meet(
     way = random.choice([-1.0, 1.0]) * np.array([0.6, 0, 0, 0, 0]) * random.uniform(0.7, 1.2)
     goal = start + way + np.array([0, random.uniform(0, 0.3), 0, random.uniform(-0.2, 0.2), 0])
     patches = [one for one in robot.skin if one.part == part and one.segment]
+    if not patches:  # its palm meets who stands at its side
+        patches, start = _on_hand(robot, part), start + np.deg2rad([0, 30, 0, 0, 0])
+        goal = start - np.array([0, np.abs(way[0]), 0, 0, 0])
     patch = patches[int(random.integers(len(patches)))]
     share, rate = random.uniform(0.3, 0.6), float(random.choice([100.0, 500.0]))
     angles = angles_of(robot, part, start)
@@ -114,7 +118,7 @@ def meet(
     away = R_WT @ normals[taxel]
     plant.place("partner", place)
     felt, joints = plant.felt["partner"], joint_map(robot, part)
-    skin_felt: list[bool] = []
+    felt_by, skin_felt = {one.name for one in patches}, list[bool]()
     local = skin.surfaces[patch.name].positions[taxel]
     path: list[tuple[float, Array, Array]] = []
 
@@ -122,7 +126,7 @@ def meet(
         if felt.first is None:
             there, turned = plant.link_pose(patch.link)
             path.append((plant.time, there + turned @ local, plant.position))
-        skin_felt.append(any(one.part == part for one in tick.perception.contacts))
+        skin_felt.append(any(one.patch in felt_by for one in tick.perception.contacts))
         if felt.first is None:
             return
         since = tick.now - felt.first
@@ -158,6 +162,16 @@ def meet(
         JointReading(felt.first, 0, read_only(path[-1][2]), read_only(np.zeros(len(angles)))),
         _closing(path, away), 1.0 / rate,
     )  # fmt: skip
+
+
+def _on_hand(robot: tci.Robot, part: str) -> list[Patch]:
+    """The skin of the hand that an arm carries."""
+    side = robot.part(part).side
+    return [
+        one
+        for one in robot.skin
+        if robot.part(one.part).kind in ("hand", "fingers") and robot.part(one.part).side == side
+    ]
 
 
 def _closing(path: list[tuple[float, Array, Array]], away: Array) -> float:

@@ -12,7 +12,7 @@ import tci
 from helpers.gentled import meet
 from tci.body import Struck, first_peak
 
-ROBOTS = "nao", "icub", "g1", "talos", "alex"
+ROBOTS = "nao", "icub", "g1", "g1-inspire", "talos", "alex"
 FULL, SMALL = 40, 2
 """Partners of each robot for each cap."""
 WALL = 1e6

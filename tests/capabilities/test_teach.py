@@ -41,6 +41,16 @@ def test_a_guided_arm_goes_along_lightly_and_repeats_it(name: str, seed: int, ot
     assert hands_apart(seen.gesture, name, other) <= 10.0
 
 
+@pytest.mark.parametrize(("name", "seed"), [("icub", 2), ("g1", 5)])
+def test_in_a_slow_loop_a_hand_is_pressed_with_no_more_than_12_newtons(name: str, seed: int) -> None:
+    """Readings and commands come every 40 ms, and commands up to three periods late."""
+    seen = guide(name, seed, repeat=False, slow=25.0)
+    assert seen is not None
+    assert 2.0 < seen.high <= 12.0
+    assert seen.kept >= 0.95
+    assert seen.state == "RUN"
+
+
 def test_a_hand_that_pushes_an_arm_on_beside_its_body_stops_no_robot(monkeypatch: pytest.MonkeyPatch) -> None:
     """The judge counts such a push only if it ended in a stop: a NAO's did, since its motor gave in."""
     pushes, states = [0.0], []

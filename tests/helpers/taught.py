@@ -40,6 +40,8 @@ GUIDES = 1.1
 BACK = 6.0
 """Time [s] for the way back, as long as `Teach` has patience: the hand goes at 0.15 m/s, and an arm of 0.7 m
 that was pushed near its shoulder needs more than 4 s. With 3 s it was judged in the middle of its motion."""
+PATIENT = 0.1
+"""Age [s] of readings that a slow loop takes, as over a G1's topics: one in 14 comes a period late."""
 RADIUS = 0.012
 ON_LINK = 0.02
 """Distance [m] of a taxel from its link's surface up to which the plant feels there."""
@@ -235,17 +237,23 @@ class Outcome:
 
 
 def guide(
-    name: str, seed: int, *, repeat: bool = True, capability: tci.Capability[Any] | None = None
-) -> Outcome | None:
+    name: str, seed: int, *, repeat: bool = True, capability: tci.Capability[Any] | None = None,
+    slow: float | None = None,
+) -> Outcome | None:  # fmt: skip
     """A hand guides an arm at a random place; then the other arm is tapped, or one that stands alone, twice.
-    None if the arm can't go at 0.2 m/s there, unless the robot stopped: then all of the push counts."""
+    The loop's rate is drawn, unless it is `slow` [Hz]. None if the arm can't go at 0.2 m/s there, unless the
+    robot stopped: then all of the push counts."""
     random, robot = np.random.default_rng(seed), tci.load_robot(name)
+    if slow is not None:
+        binding = robot.binding("sim").model_copy(update={"stale_after": PATIENT})
+        robot = robot.model_copy(update={"bindings": (binding,), "digest": f"{name} {slow}"})
     arms = [one.name for one in robot.parts if one.kind == "arm"]
     part = str(random.choice(arms))
     other = next((one for one in arms if one != part), part)
     start = np.deg2rad(random.uniform([0, 15, -20, 40, -20], [50, 50, 20, 90, 20]))
     angles = angles_of(robot, part, start)
     rate = float(random.choice([100.0, 500.0]))
+    rate = slow or rate
     pad = float(np.exp(random.uniform(np.log(800.0), np.log(2000.0))))
     plant = GuidedRobot(
         robot, people=[Person("hand", pad, radius=RADIUS), Person("finger", 1500.0, radius=RADIUS)],

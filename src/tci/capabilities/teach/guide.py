@@ -20,6 +20,9 @@ from tci.messages.frames import Array, read_only
 
 LEVER = 0.08
 """Least lever [m]: a push nearer to the axes turns the arm as if it were here, else it would jump."""
+QUICK = 0.02
+"""Period [s] of a loop from which on the damping grows with it, as the delay does: at 40 ms and 18 N s/m
+hands swing by 10 N and lose the arm, at double of it few do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +31,7 @@ class Feel:
     range."""
 
     damping: float = 18.0
-    """Force per speed [N s/m]: 0.2 m/s take 4 N and the threshold."""
+    """Force per speed [N s/m]: 0.2 m/s take 4 N and the threshold, and double of it in a loop of 40 ms."""
     mass: float = 1.3
     """Virtual mass [kg]. At half of it a pad of 2 N/mm swings, at double the arm is slow to stop."""
     threshold: float = 0.5
@@ -67,7 +70,8 @@ def guided(
         perception: what is felt now.
         body: the robot's body.
     """
-    share = 1.0 - np.exp(-elapsed * feel.damping / feel.mass)
+    damping = feel.damping * max(1.0, elapsed / QUICK)
+    share = 1.0 - np.exp(-elapsed * damping / feel.mass)
     if not contacts:
         return read_only((1.0 - share) * rates)
     force = np.array([one.force for one in contacts])
@@ -75,10 +79,10 @@ def guided(
     lever = max(float(force @ (away**2).sum(axis=1)) / float(force.sum()), LEVER**2)
     push = force @ away
     total = float(np.linalg.norm(push)) / lever**0.5
-    wanted = push * max(0.0, 1.0 - feel.threshold / max(total, 1e-9)) / (feel.damping * lever)
+    wanted = push * max(0.0, 1.0 - feel.threshold / max(total, 1e-9)) / (damping * lever)
     after = rates + share * (wanted - rates)
     speed = float(np.abs(away @ after).max()) if len(contacts) else 0.0
     after = after * min(1.0, feel.fastest / max(speed, 1e-9))
     largest = min(float(force.max()), most)
-    room = np.maximum(largest - force, 0.0) / feel.damping
+    room = np.maximum(largest - force, 0.0) / damping
     return body.yield_to(perception, contacts, after, room, part)

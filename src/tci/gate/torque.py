@@ -25,7 +25,7 @@ from tci.messages.frames import Array
 from tci.reasons import Code
 from tci.robot.clearance import without_skin
 from tci.robot.description import Robot
-from tci.robot.dynamics import least_inertia
+from tci.robot.dynamics import inertia_range
 from tci.robot.joint_calibration import Tool
 
 EARLY = 0.01
@@ -88,7 +88,7 @@ class TorqueLimiter:
         """Sets what links carry in addition to their own masses, by the name of the link."""
         try:
             if any(Mode.TORQUE in servo.modes for servo in self._robot.servos):
-                self._inertia = least_inertia(without_skin(self._robot), tuple(tools.items()))
+                self._inertia = inertia_range(without_skin(self._robot), tuple(tools.items())).least
         except DescriptionError as error:
             self._missing = "; ".join(fault.message for fault in error.faults)
         self.set_servos(self.servos.tolist())

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,8 +23,8 @@ UPRIGHT = read_only([0.0, 0.0, -STANDARD_GRAVITY])
 
 
 POSTURES = 256
-"""Random postures among which the least inertia is looked for. With 16 of them it is up to 2.4 times larger
-on a G1, with 4096 up to 10 % smaller on an iCub."""
+"""Random postures among which the least and the largest inertia are looked for. With 16 of them the least is
+up to 2.4 times larger on a G1, with 4096 up to 10 % smaller on an iCub."""
 
 
 class Dynamics:
@@ -157,13 +158,21 @@ class Dynamics:
         mujoco.mju_mat2Quat(model.body_iquat[body], axes.ravel())
 
 
-@lru_cache(maxsize=8)
-def least_inertia(robot: Robot, loads: tuple[tuple[str, Tool], ...] = ()) -> Array:
-    """Least inertia (n,) [kg m2] of the links that each servo moves, over the postures that its limits allow;
-    NaN for servos without a joint in the model.
+class InertiaRange(NamedTuple):
+    """What the inertia of a robot's links may be, over the postures that its limits allow."""
 
-    Motors are left out: too small a value makes a limit of torques safe, too large a value does not. `loads`
-    are carried by links in addition. Raises the errors that `Dynamics` raises.
+    least: Array
+    """Least diagonal entries (n,) [kg m2]; NaN for servos without a joint in the model."""
+    largest: Array
+    """Largest absolute entries (n, n) [kg m2]; 0 for servos without a joint in the model."""
+
+
+@lru_cache(maxsize=8)
+def inertia_range(robot: Robot, loads: tuple[tuple[str, Tool], ...] = ()) -> InertiaRange:
+    """Range of the inertia of the links and of `loads` that they carry.
+
+    Motors are left out: too small a least value makes a limit of torques safe, too large a value does not.
+    Raises the errors that `Dynamics` raises.
     """
     dynamics = Dynamics(robot, JointCalibration(robot=robot.name, tools=dict(loads)))
     limits = [servo.limits for servo in robot.servos]
@@ -173,5 +182,7 @@ def least_inertia(robot: Robot, loads: tuple[tuple[str, Tool], ...] = ()) -> Arr
     )
     random, still = np.random.default_rng(0), np.zeros(len(limits))
     postures = random.uniform(lower, np.maximum(lower, upper), (POSTURES, len(limits)))
-    least = np.min([np.diag(dynamics.at(posture, still)[0]) for posture in postures], axis=0)
-    return read_only(np.where(least > 0.0, least, np.nan))
+    inertias = np.array([dynamics.at(posture, still)[0] for posture in postures])
+    least = inertias.diagonal(axis1=1, axis2=2).min(axis=0)
+    largest = np.abs(inertias).max(axis=0)
+    return InertiaRange(read_only(np.where(least > 0.0, least, np.nan)), read_only(largest))

@@ -1,20 +1,26 @@
 """Which joints bear more than a moment ago, by their measured torques: the earliest sign of a contact.
 
-While all references cruise, a robot's own motion changes torques slowly. So what a joint bears more comes
-from outside, long before a stiff servo is bent by degrees.
+While all references cruise, a robot's own motion changes torques slowly, and what accelerations take is known
+roughly. So what a joint bears more comes from outside, long before a stiff servo is bent by degrees.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
+from tci.errors import DescriptionError, UnknownNameError
 from tci.gate.contact.weights import longest_levers
 from tci.gate.joint_monitor import Reference
 from tci.messages import JointReading, Mode
 from tci.messages.frames import Array
+from tci.robot.clearance import without_skin
 from tci.robot.description import Robot
+from tci.robot.dynamics import inertia_range
+from tci.robot.joint_calibration import Tool
 
 BARE = 30.0
 """Force [N] at the end of the arm that counts, without skin."""
@@ -27,6 +33,16 @@ ONSET = 0.1
 """Time [s] within which a contact that is noticed now began: torques of later tell of it already."""
 EVEN = 1e-4
 """Change [rad/s] of a velocity reference in one period that is none."""
+TAKES = 4.0
+"""What accelerating changes a torque by at most, as a multiple of what the model's links take: masses may be
+20 % off, rotors as heavy as links, a servo overshoots, and what accelerated before may brake now."""
+VISCOUS = 0.5
+"""Fraction of its torque limit that friction of a joint may take more at full speed than at rest: an iCub's
+wrist takes 0.4."""
+SHORTEST = 1e-6
+"""Shortest time [s] between two references. Of the first nobody knows how fast it came."""
+PIECE = 0.01
+"""Time [s] within which changes of speed count as one."""
 
 
 class Bearing:
@@ -34,55 +50,115 @@ class Bearing:
 
     def __init__(self, robot: Robot, *, known: bool) -> None:
         """`known`: readings are so regular that it is known when joints accelerate."""
-        self._known = known
+        self._robot, self._known = robot, known
         levers = longest_levers(robot)
         limits = np.array([servo.limits.torque or np.inf for servo in robot.servos])
         self.least = np.where(levers > 0.0, np.maximum(SHARE * limits, BARE * levers), np.inf)
-        """Torque (n_servos,) [N m] beyond which what a joint bears more comes from outside."""
-        self._velocity = np.zeros(0)
+        """Torque (n_servos,) [N m] beyond which what a joint bears more comes from outside, while nothing
+        accelerates."""
+        self.counts = self.least
+        """The same at the latest reading."""
+        self._velocity = np.zeros(len(robot.servos))
+        fastest = np.array([servo.limits.velocity or np.inf for servo in robot.servos])
+        self._viscous = VISCOUS * np.where(np.isfinite(limits), limits, 0.0) / fastest
+        self._changes: deque[_Change] = deque()
         self._modes: tuple[Mode, ...] = ()
         self._loose, self._asked = np.zeros(0, bool), np.zeros(0, np.intp)
         self._torques: deque[tuple[float, Array]] = deque()
-        self.forget()
+        self._latest = np.inf
+        self.load({})
+
+    def load(self, tools: Mapping[str, Tool]) -> None:
+        """Sets what links carry, by the name of the link."""
+        try:
+            self._inertia = inertia_range(without_skin(self._robot), tuple(tools.items())).largest
+        except (DescriptionError, UnknownNameError):
+            self._inertia = np.full((len(self.least),) * 2, np.inf)
 
     def forget(self) -> None:
-        self._uneven = -np.inf
+        self._changes.clear()
         self._torques.clear()
+        self._latest = np.inf
 
     def remember(self, reference: Reference, now: float) -> None:
-        """Notes whether the references cruise at `now` [s]."""
-        before, self._velocity = self._velocity, reference.velocity
-        if before.shape != self._velocity.shape or np.abs(self._velocity - before).max(initial=0.0) > EVEN:
-            self._uneven = now
+        """Notes how fast references accelerate at `now` [s]."""
+        before, self._velocity = self._velocity, np.zeros(len(self.least))
+        self._velocity[reference.servos] = reference.velocity
+        change, lasts = np.abs(self._velocity - before), max(now - self._latest, SHORTEST)
+        if change.max(initial=0.0) > EVEN:
+            rate, began, last = change / lasts, now, self._changes[-1] if self._changes else None
+            if last and now - last.began < PIECE:
+                began, change, rate = last.began, last.change + change, np.maximum(last.rate, rate)
+                self._changes.pop()
+            self._changes.append(_Change(began, now, change, rate))
+        self._latest = now
         if reference.modes != self._modes:
             self._modes = reference.modes
             self._loose = np.array([mode is Mode.TORQUE for mode in reference.modes], bool)
         self._asked = reference.servos[self._loose]
 
     @property
-    def before(self) -> Array | None:
-        """Torques (n_servos,) [N m] before a contact that is noticed now; None if joints accelerated then."""
+    def before(self) -> Borne | None:
+        """What joints bore before a contact that is noticed now."""
         torques = self._torques
-        return torques[0][1] if torques and torques[-1][0] - torques[0][0] > ONSET else None
+        known = torques and torques[-1][0] - torques[0][0] > ONSET
+        return Borne(torques[0][1], self.counts) if known else None
 
-    def beyond(self, torque: Array | None, before: Array | None) -> Array:
+    def beyond(self, torque: Array | None, before: Borne | None) -> Array:
         """By how much `torque` (n_servos,) is away from `before`, as multiples of what comes from outside; 0
         where one is unknown."""
         if torque is None or before is None:
             return np.zeros(len(self.least))
-        found: Array = (torque - before) / self.least
+        found: Array = (torque - before.torque) / before.counts
         found[np.isnan(found)] = 0.0
         return found
 
     def more(self, joints: JointReading, lag: float) -> Array:
         """What each joint bears more than a moment ago (n_servos,), as multiples of what comes from outside;
-        0 while a joint that lags by `lag` [s] may still accelerate, and without measured torques."""
-        if joints.torque is None or not self._known or joints.stamp - self._uneven <= lag:
-            self._torques.clear()
-        else:
-            self._torques.append((joints.stamp, joints.torque))
-            while joints.stamp - self._torques[0][0] > MOMENT:
-                self._torques.popleft()
-        found = self.beyond(joints.torque, self._torques[0][1] if self._torques else None)
+        0 without measured torques. Joints lag by `lag` [s] at most."""
+        if joints.torque is None or not self._known:
+            self._changes.clear()
+            return np.zeros(len(self.least))
+        torques, changes = self._torques, self._changes
+        torques.append((joints.stamp, joints.torque))
+        uneven = changes[-1].ended + lag if changes else -np.inf
+        first = joints.stamp - MOMENT if joints.stamp <= uneven else max(joints.stamp - MOMENT, uneven)
+        while torques[0][0] < first:
+            torques.popleft()
+        while changes and changes[0].ended + lag < torques[0][0]:
+            changes.popleft()
+        self.counts = self.least + self._takes()
+        found = self.beyond(joints.torque, Borne(torques[0][1], self.counts))
         found[self._asked] = 0.0  # somebody asks for these torques
         return found
+
+    def _takes(self) -> Array:
+        """By how much torques (n_servos,) [N m] may change since references changed their speed."""
+        if not self._changes:
+            return np.zeros(len(self.least))
+        rate = np.max([one.rate for one in self._changes], axis=0)
+        moved = rate > 0.0
+        takes: Array = TAKES * (self._inertia[:, moved] @ rate[moved])
+        takes += self._viscous * np.sum([one.change for one in self._changes], axis=0)
+        return takes
+
+
+class Borne(NamedTuple):
+    """What joints bore at one instant."""
+
+    torque: Array
+    """(n_servos,) [N m]."""
+    counts: Array
+    """Change (n_servos,) [N m] beyond which it comes from outside."""
+
+
+class _Change(NamedTuple):
+    """References changed their speed."""
+
+    began: float
+    ended: float
+    """[s]."""
+    change: Array
+    """By how much in all (n_servos,) [rad/s]."""
+    rate: Array
+    """How fast at most (n_servos,) [rad/s2]."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import TciError, UnknownNameError
-from tci.gate.contact.bearing import Bearing
+from tci.gate.contact.bearing import Bearing, Borne
 from tci.gate.contact.noticing import Noticing, Seen
 from tci.gate.contact.others import First
 from tci.gate.contact.path import Path
@@ -65,8 +65,8 @@ class Group:
     sags: Sags = field(init=False)
     stream: Stream = field(init=False)
     sag: Sag = field(default_factory=Sag)
-    before: Array | None = None
-    """Torques (n_servos,) [N m] before the contact."""
+    before: Borne | None = None
+    """What all joints bore before the contact."""
     push: Array = field(default_factory=lambda: np.zeros(0))
     """Where its joints pushed whom they met (k,), see `Seen.push`."""
     thing: str | None = None

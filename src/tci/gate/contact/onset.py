@@ -88,5 +88,5 @@ def _begin(scene: Scene, group: Group, goal: Array) -> None:
 def _more(scene: Scene, seen: Seen) -> str:
     place = int(np.argmax(np.abs(seen.bears)))
     servo = int(seen.servos[place])
-    torque = abs(float(seen.bears[place])) * scene.bearing.least[servo]
+    torque = abs(float(seen.bears[place])) * scene.bearing.counts[servo]
     return f"{scene.robot.servos[servo].name} bears {torque:.1f} N m more than a moment ago"

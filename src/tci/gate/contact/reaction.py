@@ -79,6 +79,7 @@ class ContactReaction:
         """Sets what links carry, by the name of the link: its weight bends joints, too."""
         self._excused = bends(self._robot, tools)
         self._easing.load(self._robot, tools)
+        self._scene.bearing.load(tools)
 
     def expect(self, servos: NDArray[np.intp], force: float, now: float) -> None:
         """Leaves contact up to `force` [N] on the skin of these servos' groups to a capability."""

@@ -58,6 +58,16 @@ def test_a_hand_that_comes_and_goes_is_not_taken_for_a_stiff_one(seed: int) -> N
     assert met.left < 2.0
 
 
+def test_a_hand_on_a_persons_arm_that_comes_and_goes_is_given_way_to() -> None:
+    """0.6 kg behind a pad of 1.5 N/mm, on an arm of 300 N/m, with up to 0.2 m/s."""
+    met = meet("g1", 6, cap=10.0, stiffness=1.5e3, speed=0.2, free=True, lasts=2.4)
+    assert met is not None
+    assert met.felt
+    assert met.peak > 10.0
+    assert met.high <= 20.0
+    assert met.state == "RUN"
+
+
 def test_the_first_peak_that_is_told_is_hardly_ever_too_low() -> None:
     """At small size; `make reliability ROWS=gentles` has the bar, 3 of 4 within 25 %. These are the trials
     241 to 248 that skin felt."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 
 import tci
 from helpers import taught
+from helpers.squeezed import draw, squeeze
 from helpers.taught import ends_with_a_tap, guide, hands_apart
 from tci.capabilities import ArbiterMemory, Companion, Feel, Layer, Motion
 from tci.capabilities.teach.guide import guided
@@ -68,6 +70,19 @@ def test_a_hand_that_pushes_an_arm_on_beside_its_body_stops_no_robot(monkeypatch
     guide("nao", 2001, repeat=False)
     assert max(pushes) > 15.0, "somebody pushes harder than the arm handles"
     assert states == ["RUN"]
+
+
+def test_nobody_stays_squeezed_by_an_arm_that_repeats_a_lesson() -> None:
+    """Somebody who can't give way, before an arm on its way after a tap; without the gate's answer they bear
+    21 N for ever. Bars of somebody in the way."""
+    robot = tci.load_robot("nao")
+    met = squeeze(robot, replace(draw(robot, 1, by="gesture"), by="lesson"))
+    assert met.felt
+    assert met.peak > 15.0
+    assert met.half <= 65.0
+    assert met.over <= 0.2
+    assert met.late <= 15.0
+    assert met.state == "RUN"
 
 
 def test_nobody_is_pressed_harder_by_a_guided_arm() -> None:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 import tci
-from helpers.rigid_robot import AWAY, Person, RigidDriver, RigidRobot
+from helpers.handled import Hand, HandledRobot
+from helpers.rigid_robot import AWAY, Person, RigidDriver
 from tci.messages import GenericCommand, JointReading, Mode, Order
 from tci.messages.frames import Array, read_only
 from tci.robot.description import Patch
@@ -82,9 +83,11 @@ class Outcome:
 
 
 def meet(
-    name: str, seed: int, *, cap: float, stiffness: float, speed: float = 0.0, lasts: float = np.inf
-) -> Outcome | None:
-    """An arm meets a partner on a spring, who stands or moves towards it and back with up to `speed` [m/s].
+    name: str, seed: int, *, cap: float, stiffness: float, speed: float = 0.0, lasts: float = np.inf,
+    free: bool = False,
+) -> Outcome | None:  # fmt: skip
+    """An arm meets a partner on a spring, who stands or moves towards it and back with up to `speed` [m/s]:
+    on a way that nobody changes or, if `free`, as a hand that a person's arm moves.
     The trial ends `lasts` [s] after the first contact at the latest. None if no skin of the arm goes ahead on
     its way, or nobody is met."""
     random, robot = np.random.default_rng(seed), tci.load_robot(name)
@@ -108,7 +111,7 @@ def meet(
     if not len(first):
         return None
     taxel = int(random.choice(first))
-    plant = RigidRobot(
+    plant = HandledRobot(
         robot, people=[Person("partner", stiffness, radius=RADIUS)], seed=seed, angles=angles, rate=rate
     )
     T_TL = KinematicChain(robot).poses(angles, [patch.link])[patch.link]
@@ -117,6 +120,8 @@ def meet(
     place = position + R_WT @ (before[taxel] + RADIUS * normals[taxel] - T_TL[:3, 3])
     away = R_WT @ normals[taxel]
     plant.place("partner", place)
+    hand = Hand(plant, "partner", place, -away, speed)
+    plant.hands = (hand,) if free else ()
     felt, joints = plant.felt["partner"], joint_map(robot, part)
     felt_by, skin_felt = {one.name for one in patches}, list[bool]()
     local = skin.surfaces[patch.name].positions[taxel]
@@ -131,8 +136,9 @@ def meet(
             return
         since = tick.now - felt.first
         if since > HERE:
+            hand.gone = True
             plant.shift("partner", AWAY)
-        elif speed:
+        elif speed and not free:
             plant.shift("partner", place - away * speed / np.pi * (1.0 - np.cos(np.pi * since)))
 
     def left() -> float:

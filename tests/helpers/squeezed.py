@@ -9,21 +9,25 @@ import mujoco
 import numpy as np
 
 from helpers.rigid_robot import Dirt, Person, RigidDriver, RigidRobot
+from helpers.taught import RADIUS, GuidedRobot, Tap, place_on
 from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.play_gesture import PlayGesture
+from tci.capabilities.teach.capability import Teach
 from tci.gestures.gesture import Fitted, Gesture
 from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode
 from tci.messages.frames import Array
 from tci.robot.description import Robot
 from tci.runtime.loop import run
 
-By = Literal["order", "gesture"]
-"""Who moves the arm."""
+By = Literal["order", "gesture", "lesson"]
+"""Who moves the arm; a lesson is played after a tap on the other arm."""
 Path = list[dict[str, tuple[Array, Array]]]
 """Poses of links (3,) [m], (3, 3) every period."""
 DOWN = -0.7
 """Vertical part of the direction in which a link goes that presses somebody below it."""
+STARTS = 1.0
+"""Time [s] until a lesson is played: a tap, and the end of its series."""
 LASTS = 3.4
 """Length of a trial [s]: the longest way to the person and 2 s of contact."""
 
@@ -116,6 +120,8 @@ def _capability(one: Squeeze) -> Capability[Any]:
         return Reach(one)
     way = float(np.abs(one.goal - one.start).max())
     gesture = Gesture(np.array([0.0, way / (3.0 * one.share)]), {one.part: np.array([one.start, one.goal])})
+    if one.by == "lesson":
+        return Teach(gesture=gesture)
     return PlayGesture(Fitted(gesture, gesture, 1.0, {}, ()))
 
 
@@ -197,7 +203,8 @@ def squeeze(
             there[0] = True
             plant.place("second", _behind(robot, plant, one, behind))
 
-    result = run(driver, _capability(one), duration=LASTS, observe=see)
+    lasts = LASTS + (STARTS if one.by == "lesson" else 0.0)
+    result = run(driver, _capability(one), duration=lasts, observe=see)
     force = plant.felt["person"]
     first = force.first
     said = [str(notice) for notice in (*result.refusals, *result.clamps, *result.holds, *result.went_back)]
@@ -258,7 +265,16 @@ def _plant(robot: Robot, one: Squeeze, dirt: Dirt | None) -> RigidRobot:
     high = np.array([np.inf if (x := robot.servos[s].limits.upper) is None else x for s in own.servos])
     angles[own.servos] = np.clip(own.values, low + 1e-3, high - 1e-3)
     people = [Person(name, one.stiffness) for name in ("person", "second")]
-    return RigidRobot(robot, people=people, dirt=dirt, seed=one.seed, angles=angles, rate=one.rate)
+    if one.by != "lesson":
+        return RigidRobot(robot, people=people, dirt=dirt, seed=one.seed, angles=angles, rate=one.rate)
+    plant = GuidedRobot(
+        robot, people=[Person("finger", 1500.0, radius=RADIUS), *people], dirt=dirt, seed=one.seed,
+        angles=angles, rate=one.rate,
+    )  # fmt: skip
+    other = next(part.name for part in robot.parts if part.kind == "arm" and part.name != one.part)
+    link, _, p_L, n_L = place_on(plant, other, np.random.default_rng(one.seed))
+    plant.hands = (Tap(plant, "finger", link, p_L, n_L, (0.1,)),)
+    return plant
 
 
 def _path(robot: Robot, one: Squeeze) -> tuple[RigidRobot, Path]:

@@ -16,7 +16,8 @@ import numpy as np
 
 import tci
 from helpers.gentled import angles_of, skin_at
-from helpers.rigid_robot import AWAY, ROBOT, STEP, Person, RigidDriver, RigidRobot
+from helpers.handled import HandledRobot
+from helpers.rigid_robot import AWAY, ROBOT, STEP, Person, RigidDriver
 from tci.gestures import Gesture, fit
 from tci.messages import JointReading
 from tci.messages.frames import Array, read_only
@@ -122,15 +123,8 @@ class Guide:
         return rows[:, 0] - (self.first or 0.0), rows[:, 1]
 
 
-class GuidedRobot(RigidRobot):
-    """The plant with hands that are simulated beside it."""
-
-    hands: tuple[Any, ...] = ()
-
-    def _drive(self) -> None:
-        for hand in self.hands:
-            hand.step()
-        super()._drive()
+class GuidedRobot(HandledRobot):
+    """The plant, asked where hands touch it."""
 
     def height(self, link: str, p_L: Array, n_L: Array) -> float:
         """How far above a point of a link a hand's middle is when it first touches it [m]: skin lies above or
@@ -156,18 +150,6 @@ class GuidedRobot(RigidRobot):
             {*one.geom.tolist()} - {own} for one in self.data.contact[: self.data.ncon] if own in one.geom
         ]
         return any(model.body_weldid[model.geom_bodyid[geom]] != weld for pair in geoms for geom in pair)
-
-    def pressed(self, name: str) -> Array:
-        """Force (3,) [N] of a person's surface on whoever holds it."""
-        k = [one.name for one in self.people].index(name)
-        qpos, dof = self._surfaces[k]
-        if not self.data.ncon:
-            return np.zeros(3)
-        found: Array = (
-            self.people[k].stiffness * self.data.qpos[qpos]
-            + self.model.dof_damping[dof] * self.data.qvel[dof]
-        )
-        return found
 
 
 @dataclass
@@ -259,14 +241,14 @@ def guide(
         robot, people=[Person("hand", pad, radius=RADIUS), Person("finger", 1500.0, radius=RADIUS)],
         seed=seed, angles=angles, rate=rate,
     )  # fmt: skip
-    link, patch, p_L, n_L = _place(plant, part, random)
+    link, patch, p_L, n_L = place_on(plant, part, random)
     hand = Guide(
         plant, "hand", link, p_L, n_L, random.uniform(0.4, 0.8), random.uniform(200.0, 800.0),
         random.uniform(0.5, 1.0), pad,
     )  # fmt: skip
     if not _can_go(plant, part, hand):
         return None
-    tap_link, _, tap_p, tap_n = _place(plant, other, random)
+    tap_link, _, tap_p, tap_n = place_on(plant, other, random)
     tap = Tap(plant, "finger", tap_link, tap_p, tap_n, ())
     plant.hands = hand, tap
     joints = joint_map(robot, part)
@@ -315,7 +297,7 @@ def guide(
     )  # fmt: skip
 
 
-def _place(plant: GuidedRobot, part: str, random: np.random.Generator) -> tuple[str, str, Array, Array]:
+def place_on(plant: GuidedRobot, part: str, random: np.random.Generator) -> tuple[str, str, Array, Array]:
     """Link, patch, point and normal in the link's frame of a random taxel of an arm, or of what it carries,
     that lies on the link: sleeves of some robots reach over other links, where this plant feels nothing."""
     robot, angles = plant.robot, plant.position

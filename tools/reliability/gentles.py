@@ -15,19 +15,21 @@ from tci.body import Struck, first_peak
 ROBOTS = "nao", "icub", "g1", "g1-inspire", "talos", "alex"
 FULL, SMALL = 40, 2
 """Partners of each robot for each cap."""
+KINDS = "stands", "moves", "hand"
+"""A partner, one whose way nothing changes, and a hand of 0.6 kg that an arm of 300 N/m moves."""
 WALL = 1e6
 """Mass [kg] of one who can't move away."""
 
 
 def gentles(full: bool) -> Row:
-    """Partners of 10 to 75 N/mm who stand, and hands (pad 1.5 N/mm, up to 0.2 m/s) that move. Only those
-    count whom skin feels."""
+    """Partners of 10 to 75 N/mm who stand, and hands (pads of 1 to 2 N/mm, up to 0.2 m/s) that move. Only
+    those count whom skin feels."""
     jobs = [
-        (name, seed, cap, moves)
+        (name, seed, cap, kind)
         for seed in range(FULL if full else SMALL)
         for name in ROBOTS
         for cap in ((5.0, 10.0, 15.0) if full else (10.0,))
-        for moves in (False, True)
+        for kind in KINDS
     ]
     done = [one for one in gather("gentles", _one, jobs, full=full) if one["counts"]]
     standing, moving = ([one for one in done if one["moves"] is moves] for moves in (False, True))
@@ -60,13 +62,21 @@ def gentles(full: bool) -> Row:
     )
 
 
-def _one(name: str, seed: int, cap: float, moves: bool) -> dict[str, Any]:
-    random = np.random.default_rng([seed, int(cap)])
+def _one(name: str, seed: int, cap: float, kind: str) -> dict[str, Any]:
+    random, moves = np.random.default_rng([seed, int(cap)]), kind != "stands"
     stiffness = 1.5e3 if moves else float(np.exp(random.uniform(np.log(10e3), np.log(75e3))))
-    met = meet(
-        name, 100 + seed, cap=cap, stiffness=stiffness, speed=random.uniform(0.05, 0.2) if moves else 0.0
-    )
-    about = {"robot": name, "seed": seed, "cap": cap, "moves": moves, "counts": met is not None and met.felt}
+    speed = random.uniform(0.05, 0.2) if moves else 0.0
+    if kind == "hand":
+        stiffness = random.uniform(1e3, 2e3)
+    met = meet(name, 100 + seed, cap=cap, stiffness=stiffness, speed=speed, free=kind == "hand")
+    about = {
+        "robot": name,
+        "seed": seed,
+        "cap": cap,
+        "kind": kind,
+        "moves": moves,
+        "counts": met is not None and met.felt,
+    }
     if met is None:
         return about
     predicted = float("nan")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ that may be left after 2 s on skin and on bare links. ISO/TS 15066's least quasi
 def squeezed(full: bool) -> Row:
     """Only trials count in which the person is still squeezed after 2 s when the gate does not answer. In a
     third of them a second person stands up to 20 mm behind the link, in another third the arm comes down on
-    somebody below it. In position mode, a gesture moves every second arm."""
+    somebody below it. In position mode every second arm plays a gesture, and half of these a lesson."""
     modes = ("position", "velocity", "impedance") if full else ("position",)
     jobs = [(name, mode, seed) for seed in range(300 if full else 3) for name in ROBOTS for mode in modes]
     done = [one for one in gather("squeezed", _one, jobs, full=full) if one["counts"]]
@@ -46,6 +46,8 @@ def _one(name: str, mode: str, seed: int) -> dict[str, Any]:
     robot = tci.load_robot(name)
     by: By = "gesture" if mode == "position" and seed % 2 else "order"
     trial = draw(robot, seed, mode=Mode(mode), by=by, below=seed % 3 == 1)
+    if by == "gesture" and seed % 4 == 3:
+        trial = replace(trial, by="lesson")
     before = squeeze(robot, trial, settings=GateSettings(contact=None))
     most = FELT if before.felt else BARE
     if before.late <= most:

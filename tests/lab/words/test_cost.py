@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from helpers.command_line import tci as command
 from tci.errors import DescriptionError
 from tci.lab.words.cost import read_cost
 from tci.lab.words.training import left_out
@@ -40,6 +42,15 @@ def test_blows_and_strokes_of_people_are_read_and_told_apart(tmp_path: Path) -> 
     scores = left_out(found)
     assert set(scores) == set(found.groups)
     assert min(scores.values()) > 0.9
+
+
+def test_one_command_leaves_each_person_out(tmp_path: Path) -> None:
+    path = made(tmp_path / "CoST.csv", each=3)
+    said = json.loads(command("words", "score", str(path), "--json"))
+    assert said["touches"] == 18
+    assert set(said["people"]) == {"person 1", "person 2", "person 3"}
+    assert said["right"] == pytest.approx(np.mean(list(said["people"].values())))
+    assert said["right"] > 0.9
 
 
 def test_another_file_is_refused_in_words(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ def test_a_hand_is_understood_on_a_robot_that_trained_nothing() -> None:
     """At small size; `make reliability ROWS=words` has the bars."""
     done = [judge("g1", kind, 40) for kind in (*WORDS, *OTHERS)]
     score, _ = macro_f1(done)
-    assert score >= 0.7, [(one.true, one.told, one.note) for one in done if one.word != one.true]
+    assert score >= 0.75, [(one.true, one.told, one.note) for one in done if one.word != one.true]
     assert max(one.late for one in done if one.told) <= 0.5
     assert np.median([one.slowest for one in done]) < 3e-3  # the slowest step, also on a busy machine
 

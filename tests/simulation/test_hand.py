@@ -167,3 +167,27 @@ def test_it_lets_an_arm_go_that_jerks_away(name: str, poke: str) -> None:
         peak = driver.world.person().right.trace[:, 2].max()
     assert result.moved
     assert 1.0 < peak < 15.0
+
+
+@pytest.mark.parametrize("robot", ["nao", "icub"])
+def test_a_pad_presses_on_an_area_that_grows_up_to_what_is_planned(robot: str) -> None:
+    """What taxels measure has the width of the pad, and of what the skin's cover adds to a point. A touch of
+    a palm is wider than one of a fingertip; the cube root of the force says how much of it lies flat."""
+    world, widths = World(robot, people=1), []
+    for line in ("poke 'left forearm' 6N", "press 'left forearm' 6N", "press 'left forearm' 1.5N"):
+        world.reset()
+        (planned,) = world.touch(line)
+        world.advance(float(planned.times.mean()))
+        patch, surface = world.robot.patch(planned.patch), world.surfaces[planned.patch]
+        frame = next(one for one in world.frames() if one.patch == planned.patch)
+        forces = np.abs(frame.values.astype(float) - patch.sensor.rest)[surface.channels] * surface.areas
+        shares = forces / forces.sum()
+        apart = surface.positions - shares @ surface.positions
+        width = float(np.sqrt(shares @ (apart * apart).sum(axis=1) / 2.0))
+        point = np.hypot(3e-3, np.sqrt(surface.areas.mean() / 12.0))  # a force at a point, on this skin
+        flat = min(world.person().right.force + world.person().left.force, 5.0) / 5.0
+        soft = planned.radius[0] / 1.5 * flat ** (1.0 / 3.0)
+        assert width == pytest.approx(np.hypot(soft, point), rel=0.15)
+        widths.append(width)
+    assert widths[1] > 1.6 * widths[0]
+    assert widths[1] > 1.2 * widths[2]

@@ -93,7 +93,7 @@ def servo_angles(qpos: Array, asked: Records, drives: Records, out: Array) -> in
 
 SKINS = returns(
     reads(2), reads(3), reads(3), writes(1, from_dtype(sampling.PATCH)), reads(2), reads(2),
-    reads(1, int64), reads(2), writes(2), writes(2, int64), writes(2), writes(2), writes(1),
+    reads(1, int64), reads(2), writes(2), writes(2, int64), writes(2), writes(2), writes(1), reads(2),
 )  # fmt: skip
 """`sampling.SKIN` with sensors, positions and orientations of links of all worlds."""
 FELT = returns(writes(2), writes(2, int32), writes(2), writes(2, int64), writes(3, int64))
@@ -108,7 +108,7 @@ def _read(
 ) -> int:
     """Turns the loads on the `count` loaded taxels of a patch into what its sensor says of them: whole counts
     within its range. Returns the number of taxels that are active then."""
-    _, _, _, patches, _, taxels, channels, nodes, load, lists, _, _, values = skin
+    _, _, _, patches, _, taxels, channels, nodes, load, lists, _, _, values, _ = skin
     force, listed, pressure, _, loaded = felt
     one, sensor, active = patches[p], layout.patches[p], 0
     begin = one.begin
@@ -151,7 +151,7 @@ def _feel(step: int, skins: Arrays, layout: LayoutArrays, estimates: Estimates, 
 
     Returns the number of a world with too many contacts on one patch (`SLOTS`), + 1; else 0.
     """
-    sensors, centres, turns, patches, a, b, c, d, e, lists, f, g, h = skins
+    sensors, centres, turns, patches, a, b, c, d, e, lists, f, g, h, hands = skins
     force, _, _, numbers, loaded = felt
     full = 0
     for p in range(len(patches)):
@@ -168,7 +168,7 @@ def _feel(step: int, skins: Arrays, layout: LayoutArrays, estimates: Estimates, 
                 numbers[w, p] = loaded[w, p, 0] = loaded[w, p, 1] = 0
             if sensors[w, one.sensor] == 0.0 and one.floor < 0:
                 continue
-            skin = sensors[w], centres[w], turns[w], patches, a, b, c, d, e, lists, f, g, h
+            skin = sensors[w], centres[w], turns[w], patches, a, b, c, d, e, lists, f, g, h, hands
             found, active = press(p, skin)
             if found > SLOTS:
                 full = w + 1

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from tci.errors import CommandError, TciError, UnknownNameError
 from tci.messages.frames import Array, transform
+from tci.simulation import hand_control as at
 from tci.simulation.hand_control import AWAY, DOFS, HAND, MOMENT, NOTED, RING, SEEN, TRACE, WINDOW
 from tci.simulation.hand_model import ARM_DAMPING, PersonModel
 from tci.simulation.hand_path import PADS, HandPath, Moments
@@ -21,6 +22,10 @@ from tci.simulation.hand_planner import HandPlanner
 from tci.simulation.physics import Physics, exclusive
 from tci.skin.surfaces import Surface
 from tci.support.engine import mujoco
+
+FLAT = 5.0
+"""Force [N] from which a soft pad lies flat on the skin. Assumed: so the contact of a fingertip at 1 N is
+1 cm2 large, as people's."""
 
 
 class Hands:
@@ -32,6 +37,8 @@ class Hands:
         self.names = tuple(people)
         count = len(people)
         self.states = np.zeros(count, HAND)
+        self.pads = np.zeros((count, 3))
+        """What skin needs to know of each hand, see `hand_control.WIDTH`."""
         self.plans: list[Moments] = [np.zeros(0, MOMENT)] * count
         self.memories, self.traces = np.zeros((count, RING), SEEN), np.zeros((count, TRACE), NOTED)
         for state, (name, person) in zip(self.states, people.items(), strict=True):
@@ -47,6 +54,7 @@ class Hands:
             state["stiffness"], state["pad"] = person.arm, person.pad
             state["damping"] = 2.0 * ARM_DAMPING * np.sqrt(person.arm * person.mass)
             state["omega"] = 2.0 * np.pi * person.bandwidth
+        self.pads[:, at.SENSOR] = self.states["sensor"]
         self._others = data.xpos, data.xquat, model.body_pos, model.body_quat, data.qpos, data.qvel
         self.arrays: tuple[Any, ...] = ()
         """Arguments of the compiled loop, as `hand_control.HANDS` says."""
@@ -215,6 +223,7 @@ class Hand:
         self._hands.plans[self._number] = plan
         self._hands.renew()
         self._clear()
+        self._hands.pads[self._number, at.WIDTH :] = path.spread, FLAT * len(path.pads)
         state, steps = self._state, physics.steps
         state["link"], state["start"], state["guided"], state["active"] = link, steps, steps - 1, 1
         self._watch(link)

@@ -82,6 +82,11 @@ HANDS = returns(
 )  # fmt: skip
 """Numba types of the hands: their states, plans, memories (hands, `RING`) and records (hands, `TRACE`), and
 MuJoCo's `xpos`, `xquat`, `body_pos`, `body_quat`, `qpos` and `qvel`."""
+SENSOR, WIDTH, FLAT = 0, 1, 2
+"""Columns of a table with one row for each hand: index of its first sensor value; width [m] (standard
+deviation) over which each of its pads presses on skin, beside what the skin's cover adds; force [N] of the
+hand from which its pads lie flat, with all of their width. Below it they are narrower, by the cube root of
+the force, as a sphere's contact (Hertz)."""
 Arrays = tuple[Any, ...]
 FOLLOWS = 0.25
 """Speed [m/s] with which a hand follows the body at most: whoever touches an arm that jerks away is startled

@@ -58,6 +58,9 @@ class HandPath:
     """(n, k) [N] of each pad along its inward normal; 0 lifts it."""
     pads: Sequence[str] = ("palm",)
     """Names (k,) of `PADS`. Pads on opposite sides of a limb grip it."""
+    spread: float = 0.0
+    """Width [m] (standard deviation) over which each pad presses on skin, which feels a point through its own
+    cover only."""
 
     def __post_init__(self) -> None:
         times, k = np.array(self.times, dtype=float), len(self.pads)
@@ -66,6 +69,8 @@ class HandPath:
         for pad in self.pads:
             if pad not in PADS:
                 raise UnknownNameError("pad of a hand", pad, PADS)
+        if not 0.0 <= self.spread <= 0.1:
+            raise CommandError(f"spread {self.spread}; valid: 0 to 0.1 m")
         if not k or len(set(self.pads)) < k:
             raise CommandError(f"pads {tuple(self.pads)}; valid: some of {', '.join(PADS)}, each once")
         for name, shape in (("points", (len(times), k, 3)), ("normals", (len(times), k, 3)),

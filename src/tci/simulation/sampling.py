@@ -8,7 +8,11 @@ import numpy as np
 from numba import from_dtype, int64
 
 from tci.messages.frames import Array
+from tci.simulation.hand_control import FLAT, SENSOR, WIDTH
+from tci.simulation.hand_control import NUMBERS as HAND_NUMBERS
+from tci.simulation.hand_control import SLOTS as HAND_SLOTS
 from tci.simulation.kernel import REACH, ROWS, SHARE, share_into, within
+from tci.skin.fill_factor import WIDTHS
 from tci.support.compiled import compiled, inlined, reads, returns, writes
 
 SLOTS = 16
@@ -24,6 +28,8 @@ WIDE = 0.02
 """If a contact force is distributed over a width [m] above this value, its distribution on the taxels is
 computed a second time, which corrects an error of the first result. Assumed: this is far above the width of a
 taxel."""
+NARROWEST = float(WIDTHS[0])
+"""Least width [m] for which a taxel has a fill factor; the next ones are 2, 4 and 8 times as wide."""
 SIDE = 0.2
 """Least cosine of the angle between a contact's outward normal and the mean normal of the taxels near the
 contact; the taxels measure no contact with a smaller cosine. Such a contact is on an end of a limb's skin, or
@@ -56,9 +62,10 @@ PATCH = np.dtype([
 - `width`, `size`: widths [m] over which a contact force and a force of the floor are distributed on the
   taxels. `size` is half of the patch's longest side.
 - `outward`: direction of the patch's mean outward normal."""
-X, Y, AREA = 0, 3, 6
-"""First columns of the data in the table of taxels (7 columns): two tangents x and y of the skin at the taxel
-with 3 numbers each, and the area [m2]."""
+X, Y, AREA, FILL = 0, 3, 6, 7
+"""First columns of the data in the table of taxels (11 columns): two tangents x and y of the skin at the
+taxel with 3 numbers each, the area [m2] on which a force at a point acts, and the fill factors for the widths
+`fill_factor.WIDTHS`, as multiples of that of a force at a point."""
 PRESSING, MARK = 2, 3
 """Two of the four rows of the table `load`, which has one column for each taxel. The rows are: force [N] on
 the taxel along its tangents x and y and along its normal (`PRESSING`), and 1 for an active taxel or 0 for
@@ -74,21 +81,22 @@ within the patch.
   last row for contact with the floor."""
 CENTRE, RADIUS, MEMBERS = 0, 3, 4
 """Columns of a table with one row for each contact of a patch. The row describes the sphere whose taxels are
-in the contact's list `AROUND`: its centre [m] (3 columns), its radius [kernel widths] and the number of its
+in the contact's list `AROUND`: its centre [m] (3 columns), its radius [m] and the number of its
 taxels."""
 SKIN = returns(
     reads(1), reads(2), reads(2), writes(1, from_dtype(PATCH)), reads(2), reads(2), reads(1, int64), reads(2),
-    writes(2), writes(2, int64), writes(2), writes(2), writes(1),
+    writes(2), writes(2, int64), writes(2), writes(2), writes(1), reads(2),
 )  # fmt: skip
 """Numba types of `skin`, the tuple of arrays from which compiled loops compute the frames of all patches. Its
 elements, in this order:
 
 - MuJoCo's sensors, and positions and orientations of links.
 - Patches (`PATCH`).
-- Positions [m] of taxels, their tangents and areas (see `X`), and their channels.
+- Positions [m] of taxels, their tangents, areas and fill factors (see `X`), and their channels.
 - Points of response curves, forces on taxels (see `PRESSING`), lists of taxels (see `ALL`), and spheres
   around contacts (see `CENTRE`).
-- Work space (see `kernel.SHARE`), and values [counts] of the channels."""
+- Work space (see `kernel.SHARE`), and values [counts] of the channels.
+- Hands of people, see `hand_control.WIDTH`."""
 Arrays = tuple[Array, ...]
 _SLACK = 1.0
 """Distance, as a multiple of the width over which a force is distributed, that a contact may move before the
@@ -129,7 +137,7 @@ def _share(
             point[1] += y - along * normal[1]
             point[2] += z - along * normal[2]
         x, y, z = point[0] - spot[0], point[1] - spot[1], point[2] - spot[2]
-        room = spot[RADIUS] - (x * x + y * y + z * z) ** 0.5 / sigma - REACH
+        room = (spot[RADIUS] - (x * x + y * y + z * z) ** 0.5) / sigma - REACH
         least = room
         if room > 0.0:
             known = around[: int(spot[MEMBERS])]
@@ -138,7 +146,7 @@ def _share(
             wide = REACH + 2.0 * _SLACK
             members, least = within(positions, lists[ALL], point, sigma, wide, around, work)
             spot[0], spot[1], spot[2] = point[0], point[1], point[2]
-            spot[RADIUS], spot[MEMBERS] = least + wide, members
+            spot[RADIUS], spot[MEMBERS] = (least + wide) * sigma, members
             count, least = within(positions, around[:members], point, sigma, REACH, near, work)
         share_into(positions, near[:count], point, normal, sigma, work)
     return count
@@ -150,7 +158,7 @@ def _feels(normal: Array, count: int, taxels: Array, lists: Array, work: Array) 
     their mean normal. The least cosine of the angle between both is `SIDE`.
 
     The row `NEAR` of `lists` contains these `count` taxels, and the row `SHARE` of `work` their weights in
-    the mean. `taxels` (n, 7) contains the tangents of all taxels of the patch (see `X`)."""
+    the mean. `taxels` (n, 11) contains the tangents of all taxels of the patch (see `X`)."""
     cosine = 0.0
     for j in range(count):
         row = taxels[lists[NEAR, j]]
@@ -190,6 +198,35 @@ def _add(
 
 
 @inlined
+def _lose(sigma: float, count: int, taxels: Array, lists: Array, work: Array) -> None:
+    """Takes off the shares of the `count` taxels near a contact what the gaps around them carry of a force
+    that is `sigma` [m] wide."""
+    column = min(max(math.log2(sigma / NARROWEST), 0.0), 3.0)
+    low = min(int(column), 2)
+    part = column - low
+    for j in range(count):
+        row = taxels[lists[NEAR, j]]
+        work[SHARE, j] *= (1.0 - part) * row[FILL + low] + part * row[FILL + low + 1]
+
+
+@inlined
+def _pressing(slot: Array, hand: int, sensors: Array) -> float:
+    """Force [N] with which a hand presses if a contact of a patch is one of its contacts, else 0. The hand
+    has a sensor of its own, whose first value has the index `hand`: both sensors give one contact the same
+    position."""
+    own, force = False, 0.0
+    for k in range(min(int(sensors[hand]), HAND_SLOTS)):
+        at = hand + HAND_NUMBERS * k
+        force += abs(sensors[at + FORCE])
+        own |= (
+            sensors[at + POSITION] == slot[POSITION]
+            and sensors[at + POSITION + 1] == slot[POSITION + 1]
+            and sensors[at + POSITION + 2] == slot[POSITION + 2]
+        )
+    return force if own else 0.0
+
+
+@inlined
 def press(patch: int, skin: Arrays) -> tuple[int, int]:
     """Finds the active taxels of a patch and the forces on them.
 
@@ -201,7 +238,7 @@ def press(patch: int, skin: Arrays) -> tuple[int, int]:
     Contact with the floor counts as one contact, and only if there is no other contact. With more than
     `SLOTS` contacts, forces are not computed, and no taxel is active.
     """
-    sensors, centres, turns, patches, positions, taxels, _, _, load, lists, spots, work, _ = skin
+    sensors, centres, turns, patches, positions, taxels, _, _, load, lists, spots, work, _, hands = skin
     one = patches[patch]
     start, begin, end, body = one.sensor, one.begin, one.end, one.body
     found, floor = int(sensors[start + FOUND]), one.floor
@@ -237,6 +274,12 @@ def press(patch: int, skin: Arrays) -> tuple[int, int]:
             pressing = abs(pressing)
         else:
             row, sigma, pressing = number, one.width, first
+            for k in range(len(hands)):
+                # a rigid plate takes any force to all of its taxels
+                if hands[k, WIDTH] > 0.0 and sigma < one.size:
+                    whole = _pressing(slot, int(hands[k, SENSOR]), sensors)
+                    soft = hands[k, WIDTH] * min(whole / hands[k, FLAT], 1.0) ** (1.0 / 3.0)
+                    sigma = (sigma * sigma + soft * soft) ** 0.5
             third_x = way[1] * tangent[2] - way[2] * tangent[1]
             third_y = way[2] * tangent[0] - way[0] * tangent[2]
             third_z = way[0] * tangent[1] - way[1] * tangent[0]
@@ -246,6 +289,8 @@ def press(patch: int, skin: Arrays) -> tuple[int, int]:
         near = _share(places, point, way, sigma, mine, row, spots[row], work)
         if number >= 0 and not _feels(way, near, own, mine, work):
             continue
+        if number >= 0 and sigma != one.width:
+            _lose(sigma, near, own, mine, work)
         active = _add((pressing, x, y, z), near, one.axes, own, mine, active, load, work)
     return max(found, 1), active
 
@@ -274,7 +319,7 @@ def sample(patch: int, step: int, skin: Arrays) -> int:
     computes only the forces on the taxels, and leaves them in the loads in `skin` (see `PRESSING`). Returns
     the number of contacts on the patch.
     """
-    _, _, _, patches, _, taxels, channels, nodes, load, lists, _, _, values = skin
+    _, _, _, patches, _, taxels, channels, nodes, load, lists, _, _, values, _ = skin
     one = patches[patch]
     begin, axes = one.begin, one.axes
     latest = lists[LATEST, begin : one.end]

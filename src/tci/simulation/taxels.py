@@ -38,6 +38,7 @@ class Taxels:
         noise: float,
         imperfection: Imperfection | None,
         generator: np.random.Generator,
+        hands: Array,
     ) -> None:
         self.worn = {patch.name: number for number, patch in enumerate(patches)}
         """Index of each patch in all arrays of this object, by the patch's name."""
@@ -53,7 +54,7 @@ class Taxels:
         self._rows = np.zeros(len(patches), at.PATCH)
         positions, taxels, channels, nodes = (
             [np.zeros((0, 3))],
-            [np.zeros((0, 7))],
+            [np.zeros((0, 7 + len(WIDTHS)))],
             [],
             [np.zeros((2, 0))],
         )
@@ -84,7 +85,7 @@ class Taxels:
             one["width"] = half if patch.rigid else width(surface.areas)
             one["outward"] = outward / max(float(np.linalg.norm(outward)), 1e-9)
             positions.append(surface.positions)
-            taxels.append(np.column_stack([x, np.cross(surface.normals, x), _spread(surface)]))
+            taxels.append(np.column_stack([x, np.cross(surface.normals, x), *_spread(surface)]))
             channels += surface.channels.tolist()
             nodes.append(np.array(sensor.response).reshape(-1, 2).T)
         count = sum(map(len, positions))
@@ -101,7 +102,7 @@ class Taxels:
             physics.sensors, data.xpos, data.xmat, self._rows,
             np.concatenate(positions), np.concatenate(taxels), np.array(channels, dtype=np.int64),
             np.concatenate(nodes, axis=1), self._load, self._lists, spots,
-            np.empty((ROWS + 1, max(9, count))), self._values,
+            np.empty((ROWS + 1, max(9, count))), self._values, hands,
         )  # fmt: skip
         """Arguments of the loops in `sampling`."""
         # All frames at rest share one read-only array. A reader that recognises this array can skip its
@@ -209,15 +210,16 @@ class Taxels:
 
 
 @lru_cache(maxsize=64)
-def _spread(surface: Surface) -> Array:
+def _spread(surface: Surface) -> tuple[Array, Array]:
     """Returns the area (n,) [m2] on which the force at each taxel acts: the taxel's area plus a part of the
-    gaps around the taxel.
+    gaps around the taxel; and fill factors (n, 4), as `sampling.FILL` says.
     """
     column = float(np.interp(np.log(width(surface.areas)), np.log(WIDTHS), np.arange(len(WIDTHS))))
     low = min(int(column), len(WIDTHS) - 2)
-    narrow, wide = fill_factors(surface)[:, low : low + 2].T
-    areas: Array = surface.areas / (narrow + (column - low) * (wide - narrow))
-    return areas
+    factors = fill_factors(surface)
+    narrow, wide = factors[:, low : low + 2].T
+    own = narrow + (column - low) * (wide - narrow)
+    return surface.areas / own, factors / own[:, None]
 
 
 def _raw(patch: Patch, counts: Array) -> NDArray[np.generic]:

@@ -9,6 +9,7 @@ import numpy as np
 from tci.robot.description import Robot
 from tci.simulation.hand_model import SIDES, PersonModel
 from tci.simulation.hand_path import APPROACH, HandPath
+from tci.touches.laid import SIGMA
 from tci.touches.planned_touch import PlannedTouch
 
 FINGERTIP = 0.0125
@@ -66,6 +67,7 @@ def paths_of(robot: Robot, one: PlannedTouch) -> list[HandPath]:
             normals=one.normal[:, own],
             forces=one.force[:, own],
             pads=_pads(one, count // hands),
+            spread=SIGMA * float(one.radius[0]),
         )
         for own in (slice(k * count // hands, (k + 1) * count // hands) for k in range(hands))
     ]

@@ -131,13 +131,13 @@ class World:
         through_joints = any(patch.through_joints for patch in robot.patches)
         self._outputs = JointTorques(self._physics, robot, stands=stands) if through_joints else None
         self._skin = PosedSkin(self._physics, robot.model, self.surfaces)
+        self._hands = Hands(self._physics, hands)
         self.taxels = Taxels(
             self._physics, worn, self.surfaces, noise=noise, imperfection=imperfection,
-            generator=self._generator,
+            generator=self._generator, hands=self._hands.pads,
         )  # fmt: skip
         self.finger = Finger(self._physics, self._skin, self.taxels.unfelt)
         """Finger that pokes the skin."""
-        self._hands = Hands(self._physics, hands)
         self._hand_list = [Hand(self._hands, k, one, self.surfaces) for k, one in enumerate(hands.values())]
         left = iter(self._hand_list)
         self._people = {one.name: Person(one, {side: next(left) for side in one.hands}) for one in models}

@@ -26,10 +26,21 @@ _BLOCK = 512
 
 
 class LaidTouches:
-    """Planned touches as pressure on the taxels of one robot, at any time."""
+    """Planned touches as pressure on the taxels of one robot, at any time.
 
-    def __init__(self, body: GenericBody, planned: Iterable[PlannedTouch]) -> None:
+    Args:
+        body: the robot.
+        planned: the touches.
+        flat: force [N] from which a pad lies flat, with its whole radius. Below it the pad is narrower, by
+            the cube root of the force, as a sphere's contact (Hertz). With 0 it always lies flat.
+        cover: width [m] (standard deviation) over which the skin's cover spreads a point.
+    """
+
+    def __init__(
+        self, body: GenericBody, planned: Iterable[PlannedTouch], *, flat: float = 0.0, cover: float = 0.0
+    ) -> None:
         self.body = body
+        self._soft = flat, cover
         self.planned = tuple(planned)
         robot = body.robot
         self.unfelt = tuple(
@@ -62,7 +73,7 @@ class LaidTouches:
             during = np.flatnonzero((at >= one.onset) & (at <= one.end))
             for begin in range(0, len(during), _BLOCK):
                 rows = during[begin : begin + _BLOCK]
-                found[one.patch][rows] += _lay(surface, one, at[rows], rigid)
+                found[one.patch][rows] += _lay(surface, one, at[rows], rigid, self._soft)
         return found
 
     def pressure(self, times: ArrayLike) -> dict[str, Array]:
@@ -87,8 +98,11 @@ class LaidTouches:
         return raw
 
 
-def _lay(surface: Surface, planned: PlannedTouch, times: Array, rigid: bool) -> Array:
+def _lay(
+    surface: Surface, planned: PlannedTouch, times: Array, rigid: bool, soft: tuple[float, float]
+) -> Array:
     """Forces (t, n) [N] of one touch on the taxels of its patch."""
+    flat, cover = soft
     at = (times - planned.onset) / (planned.times[1] - planned.times[0])
     low = np.clip(at.astype(np.int64), 0, len(planned.times) - 2)
     part = (at - low)[:, None]
@@ -101,15 +115,18 @@ def _lay(surface: Surface, planned: PlannedTouch, times: Array, rigid: bool) -> 
         nodes, share = low[pressed], part[pressed]
         centre = (1.0 - share) * planned.centre[nodes, pad] + share * planned.centre[nodes + 1, pad]
         normal = planned.normal[nodes, pad]
-        shares = _on_plate(surface, centre) if rigid else _shares(surface, centre, normal, SIGMA * radius)
+        grown = np.minimum(force[pressed] / max(flat, 1e-9), 1.0) ** (1.0 / 3.0)
+        sigma = np.hypot(SIGMA * radius * grown, cover)
+        shares = _on_plate(surface, centre) if rigid else _shares(surface, centre, normal, sigma)
         total[pressed] += force[pressed, None] * shares
     return total
 
 
-def _shares(surface: Surface, centre: Array, normal: Array, sigma: float) -> Array:
-    """Fraction (t, n) of a pad's force on each taxel, for pads at `centre` (t, 3) [m]."""
+def _shares(surface: Surface, centre: Array, normal: Array, sigma: Array) -> Array:
+    """Fraction (t, n) of a pad's force on each taxel, for pads at `centre` (t, 3) [m] with widths `sigma`
+    (t,) [m]."""
     moved = np.linalg.norm(centre - centre[0], axis=1).max()
-    reach = REACH * np.sqrt(sigma**2 + surface.areas.max() / (4.0 * np.pi)) + moved
+    reach = REACH * np.sqrt(sigma.max() ** 2 + surface.areas.max() / (4.0 * np.pi)) + moved
     near = np.flatnonzero(np.linalg.norm(surface.positions - centre[0], axis=1) < reach)
     shares = np.zeros((len(centre), len(surface.areas)))
     if not len(near):
@@ -122,7 +139,7 @@ def _shares(surface: Surface, centre: Array, normal: Array, sigma: float) -> Arr
     # (arcsin sqrt(q))^2 / q as a series, where q is the squared sine of half the angle.
     q = 0.5 - 0.5 * normal @ surface.normals[near].T
     square *= 1.0 + q * (1.0 / 3.0 + q * (8.0 / 45.0 + q * (4.0 / 35.0 + q * 0.2)))
-    variance = sigma**2 + areas / (4.0 * np.pi)
+    variance = sigma[:, None] ** 2 + areas / (4.0 * np.pi)
     dense = is_surface(surface)[near]
     shares_near = np.exp(-square / (2.0 * variance)) * (areas / (2.0 * np.pi * variance))
     if not dense.all():
@@ -140,10 +157,11 @@ def _on_plate(surface: Surface, centre: Array) -> Array:
     return result
 
 
-def _plates(square: Array, areas: Array, sigma: float) -> Array:
+def _plates(square: Array, areas: Array, sigma: Array) -> Array:
     """Fractions on the taxels of a sheet, whose plates and rims take all of the force that meets them."""
     beside = np.maximum(np.sqrt(np.maximum(square, 0.0)) - np.sqrt(areas / np.pi), 0.0)
-    weights = areas * np.exp(-square / (2.0 * sigma**2) + square.min(axis=1)[:, None] / (2.0 * sigma**2))
-    met = np.exp(-(beside.min(axis=1) ** 2) / (2.0 * sigma**2))
+    twice = 2.0 * sigma**2
+    weights = areas * np.exp((square.min(axis=1)[:, None] - square) / twice[:, None])
+    met = np.exp(-(beside.min(axis=1) ** 2) / twice)
     result: Array = weights / weights.sum(axis=1)[:, None] * met[:, None]
     return result

@@ -143,7 +143,8 @@ def _runs(on: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 NAMES = (
     "length", "pulses", "pulse", "longest_pulse", "gap", "contact_share",
     "force", "mean_force", "force_varies", "rise", "fall", "fullness",
-    "area", "mean_area", "area_varies", "pressure", "spread", "largest_spread", "spread_varies",
+    "area", "mean_area", "area_varies", "width", "mean_width", "pressure",
+    "spread", "largest_spread", "spread_varies",
     "facing", "least_facing", "places", "most_places",
     "path", "extent", "straightness", "speed", "largest_speed", "turns", "turn_rate",
     "one_way", "way_in_pulse", "way_between",
@@ -220,11 +221,15 @@ def _sizes(rows: Records, force: Array, felt: NDArray[np.bool_]) -> dict[str, fl
     inside, rows = force[felt], rows[felt]
     weight = inside / inside.sum()
     area, spread, facing, places = (rows[name] for name in ("area", "spread", "facing", "places"))
+    # what a skin does not feel at the rim of a touch makes its area small, and is in the force
+    wide = np.sqrt(inside / rows["peak"])
     mean_area, mean_spread = float(weight @ area), float(weight @ spread)
     return {
         "area": _log(area[inside.argmax()]),
         "mean_area": _log(mean_area),
         "area_varies": float(area.std()) / mean_area,
+        "width": _log(wide[inside.argmax()] + NARROW),
+        "mean_width": _log(weight @ wide + NARROW),
         "pressure": _log(rows["peak"].max()),
         "spread": _log(mean_spread),
         "largest_spread": _log(spread.max()),

@@ -16,7 +16,7 @@ from tci.capabilities.touch_words.features import MOMENT, moment, nothing
 from tci.messages import Contact, Perception
 from tci.messages.contacts import Records
 
-QUIET = 0.42
+QUIET = 0.46
 """Time [s] without contact after which a touch is over. People pause for 0.12 to 0.4 s between two blows;
 with half of it each blow is a touch of its own, with double of it the word comes late."""
 LONGEST = 12.0

@@ -113,7 +113,7 @@ def of_laid(
     if not patches:
         raise CommandError(f"{body.robot.name} has no skin with more than 12 taxels")
     tracks: list[tuple[Track, str]] = []
-    strengths = (*STRENGTHS, "normal")
+    strengths = (*STRENGTHS, "normal", "normal")
     for kind in (*words, *OTHERS):
         for _ in range(each):
             trial = draw(

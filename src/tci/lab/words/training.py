@@ -12,10 +12,10 @@ from tci.capabilities.touch_words.recogniser import CLIP, Recogniser
 from tci.lab.words.examples import Examples
 from tci.messages.frames import Array, read_only
 
-HIDDEN, NETS = 48, 3
+HIDDEN, NETS = 48, 5
 """Size and number of the networks. Assumed: with half of each, 1 % more of the words are wrong."""
-EPOCHS, BATCH, RATE, DECAY = 120, 64, 3e-3, 1e-4
-NOISE = 0.15
+EPOCHS, BATCH, RATE, DECAY = 60, 64, 3e-3, 1e-3
+NOISE = 0.2
 """Noise on the features, in standard deviations: what a skin or a person adds that no training has."""
 _BETA = 0.9, 0.999
 

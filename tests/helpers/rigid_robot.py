@@ -211,6 +211,11 @@ class RigidRobot:
             conaffinity=ROBOT, condim=3, friction=[0.5, 0.005, 1e-4], solref=[2.0 * STEP, 1.0],
         )  # fmt: skip
 
+    def pose(self, angles: Array) -> None:
+        """Puts the links where they are at `angles` (n_servos,) [rad], before the first step."""
+        self.data.qpos[self._qpos] = angles[self._servo] * self._ratio + self._shift
+        mujoco.mj_kinematics(self.model, self.data)
+
     def place(self, name: str, point: Array, along: Array | None = None) -> None:
         """Puts a person's surface around `point` (3,) [m] of the world, a capsule's axis `along` (3,)."""
         base = self.model.body(name).id

@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 
 from helpers.rigid_robot import Dirt, Person, RigidDriver, RigidRobot
-from helpers.taught import RADIUS, GuidedRobot, Tap, place_on
+from helpers.taught import RADIUS as FINGER
+from helpers.taught import GuidedRobot, Tap, place_on
 from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.play_gesture import PlayGesture
@@ -30,6 +31,10 @@ STARTS = 1.0
 """Time [s] until a lesson is played: a tap, and the end of its series."""
 LASTS = 3.4
 """Length of a trial [s]: the longest way to the person and 2 s of contact."""
+RADIUS = Person.radius
+"""Of somebody [m]."""
+TRIES = 400
+"""So many ways are drawn of which one may end with somebody between the arm and the robot's trunk."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +120,64 @@ def draw(
     return one
 
 
+def draw_between(robot: Robot, seed: int, *, mode: Mode = Mode.POSITION, by: By = "order") -> Squeeze | None:
+    """Draws a trial in which the arm presses somebody against the robot itself: its trunk, its head or a leg.
+    None if `TRIES` ways leave too much room there, as a G1's arms often do."""
+    random = np.random.default_rng(seed)
+    part = str(random.choice([one.name for one in robot.parts if one.kind == "arm"]))
+    free = _free(robot, seed, random, mode, part, by)
+    plant = _plant(robot, free, None)
+    arm = links_of(robot, plant, part)
+    trunk = [name for name in links_of(robot, plant, part, 0) if name not in links_of(robot, plant, part, 1)]
+    points = {name: _few(vertices_of(plant, name)) for name in (*arm, *trunk)}
+
+    def there(angles: Array, names: list[str]) -> Array:
+        plant.pose(_angles(robot, part, angles))
+        return np.concatenate([_world(plant.link_pose(name), points[name]) for name in names])
+
+    for _ in range(TRIES):
+        start, goal = (_posture(robot, part, random) for _ in range(2))
+        begins, ends, own = there(start, arm), there(goal, arm), there(goal, trunk)
+        apart = np.linalg.norm(ends[:, None] - own, axis=2)
+        strikes, against = np.unravel_index(np.argmin(apart), apart.shape)
+        to = begins[strikes] - own[against]
+        at = own[against] + (RADIUS + 2e-3) * to / np.linalg.norm(to)
+        one = replace(free, start=start, goal=goal, at=at, **_struck(plant, arm, points, int(strikes)))
+        narrow = np.linalg.norm(ends - at, axis=1).min() < RADIUS - 5e-3
+        clear = min(np.linalg.norm(begins - at, axis=1).min() - 0.02, np.linalg.norm(own - at, axis=1).min())
+        if narrow and clear > RADIUS and not _touches(robot, one):
+            return one
+    return None
+
+
+def _struck(plant: RigidRobot, arm: list[str], points: dict[str, Array], number: int) -> dict[str, Any]:
+    """Link and place on it of one of the arm's `points`, by its number among all."""
+    for link in arm:
+        if number < len(points[link]):
+            return {"link": link, "point": points[link][number]}
+        number -= len(points[link])
+    raise IndexError(number)
+
+
+def _few(vertices: Array) -> Array:
+    return vertices[:: max(1, len(vertices) // 150)]
+
+
+def _world(pose: tuple[Array, Array], points: Array) -> Array:
+    position, rotation = pose
+    moved: Array = position + points @ rotation.T
+    return moved
+
+
+def _free(robot: Robot, seed: int, random: np.random.Generator, mode: Mode, part: str, by: By) -> Squeeze:
+    """A trial with nobody in it yet."""
+    start, goal = (_posture(robot, part, random) for _ in range(2))
+    stiffness = 75e3 if random.random() < 1 / 3 else float(np.exp(random.uniform(np.log(8e3), np.log(75e3))))
+    share = 1.0 if random.random() < 0.5 else float(random.uniform(0.2, 1.0))
+    rate = float(random.choice([100.0, 500.0]))
+    return Squeeze(part, start, goal, mode, share, stiffness, "", np.zeros(3), np.zeros(3), rate, seed, by)
+
+
 def _capability(one: Squeeze) -> Capability[Any]:
     if one.by == "order":
         return Reach(one)
@@ -130,11 +193,7 @@ def _try(
 ) -> Squeeze | None:
     arms = [one.name for one in robot.parts if one.kind == "arm"]
     part = part or str(random.choice(arms))
-    start, goal = (_posture(robot, part, random) for _ in range(2))
-    stiffness = 75e3 if random.random() < 1 / 3 else float(np.exp(random.uniform(np.log(8e3), np.log(75e3))))
-    share = 1.0 if random.random() < 0.5 else float(random.uniform(0.2, 1.0))
-    rate = float(random.choice([100.0, 500.0]))
-    free = Squeeze(part, start, goal, mode, share, stiffness, "", np.zeros(3), np.zeros(3), rate, seed, by)
+    free = _free(robot, seed, random, mode, part, by)
     plant, path = _path(robot, free)
     links = links_of(robot, plant, part)
     link = str(random.choice(links))
@@ -255,20 +314,26 @@ def _posture(robot: Robot, part: str, random: np.random.Generator) -> Array:
     return random.uniform(low, high)
 
 
-def _plant(robot: Robot, one: Squeeze, dirt: Dirt | None) -> RigidRobot:
+def _angles(robot: Robot, part: str, posture: Array) -> Array:
+    """Angles (n_servos,) [rad] with a part in a posture (n,) [rad], and all others as they begin."""
     from tci.body.posture import to_platform
     from tci.robot.joint_map import initial_position
 
     angles = np.array(initial_position(robot))
-    own = to_platform(robot, GenericCommand(one.part, Mode.POSITION, one.start), position=angles)
+    own = to_platform(robot, GenericCommand(part, Mode.POSITION, posture), position=angles)
     low = np.array([-np.inf if (x := robot.servos[s].limits.lower) is None else x for s in own.servos])
     high = np.array([np.inf if (x := robot.servos[s].limits.upper) is None else x for s in own.servos])
     angles[own.servos] = np.clip(own.values, low + 1e-3, high - 1e-3)
+    return angles
+
+
+def _plant(robot: Robot, one: Squeeze, dirt: Dirt | None) -> RigidRobot:
+    angles = _angles(robot, one.part, one.start)
     people = [Person(name, one.stiffness) for name in ("person", "second")]
     if one.by != "lesson":
         return RigidRobot(robot, people=people, dirt=dirt, seed=one.seed, angles=angles, rate=one.rate)
     plant = GuidedRobot(
-        robot, people=[Person("finger", 1500.0, radius=RADIUS), *people], dirt=dirt, seed=one.seed,
+        robot, people=[Person("finger", 1500.0, radius=FINGER), *people], dirt=dirt, seed=one.seed,
         angles=angles, rate=one.rate,
     )  # fmt: skip
     other = next(part.name for part in robot.parts if part.kind == "arm" and part.name != one.part)
@@ -290,8 +355,8 @@ def _path(robot: Robot, one: Squeeze) -> tuple[RigidRobot, Path]:
     return plant, path
 
 
-def links_of(robot: Robot, plant: RigidRobot, part: str) -> list[str]:
-    """Links with a solid that at least two of the part's joints move."""
+def links_of(robot: Robot, plant: RigidRobot, part: str, least: int = 2) -> list[str]:
+    """Links with a solid that at least so many of the part's joints move."""
     joints = {robot.servos[one.servo].joint for one in robot.part(part).servos if one.servo is not None}
     model, found = plant.model, []
     for body in plant._own:
@@ -302,7 +367,7 @@ def links_of(robot: Robot, plant: RigidRobot, part: str) -> list[str]:
             for joint in range(model.body_jntadr[up], model.body_jntadr[up] + model.body_jntnum[up]):
                 moved += model.joint(joint).name in joints
             up = model.body_parentid[up]
-        if moved >= 2:
+        if moved >= least:
             found.append(model.body(body).name)
     return found
 

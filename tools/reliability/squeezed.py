@@ -10,7 +10,7 @@ from pool import gather
 from row import Row
 
 import tci
-from helpers.squeezed import By, draw, squeeze
+from helpers.squeezed import By, draw, draw_between, squeeze
 from tci.gate.settings import GateSettings
 from tci.messages import Mode
 
@@ -23,7 +23,8 @@ that may be left after 2 s on skin and on bare links. ISO/TS 15066's least quasi
 def squeezed(full: bool) -> Row:
     """Only trials count in which the person is still squeezed after 2 s when the gate does not answer. In a
     third of them a second person stands up to 20 mm behind the link, in another third the arm comes down on
-    somebody below it. In position mode every second arm plays a gesture, and half of these a lesson."""
+    somebody below it, and most of the rest are between the arm and the robot itself. In position mode every
+    second arm plays a gesture, and half of these a lesson."""
     modes = ("position", "velocity", "impedance") if full else ("position",)
     jobs = [(name, mode, seed) for seed in range(300 if full else 3) for name in ROBOTS for mode in modes]
     done = [one for one in gather("squeezed", _one, jobs, full=full) if one["counts"]]
@@ -45,7 +46,8 @@ def squeezed(full: bool) -> Row:
 def _one(name: str, mode: str, seed: int) -> dict[str, Any]:
     robot = tci.load_robot(name)
     by: By = "gesture" if mode == "position" and seed % 2 else "order"
-    trial = draw(robot, seed, mode=Mode(mode), by=by, below=seed % 3 == 1)
+    trial = draw_between(robot, seed, mode=Mode(mode), by=by) if seed % 9 in (0, 3) else None
+    trial = trial or draw(robot, seed, mode=Mode(mode), by=by, below=seed % 3 == 1)
     if by == "gesture" and seed % 4 == 3:
         trial = replace(trial, by="lesson")
     before = squeeze(robot, trial, settings=GateSettings(contact=None))

@@ -123,7 +123,8 @@ def meet(
     hand = Hand(plant, "partner", place, -away, speed)
     plant.hands = (hand,) if free else ()
     felt, joints = plant.felt["partner"], joint_map(robot, part)
-    felt_by, skin_felt = {one.name for one in patches}, list[bool]()
+    felt_by = {one.name for one in robot.skin if one.part == part or one in patches}
+    skin_felt: list[bool] = []
     local = skin.surfaces[patch.name].positions[taxel]
     path: list[tuple[float, Array, Array]] = []
 

@@ -30,6 +30,7 @@ def test_force_place_and_speed_are_felt_as_they_are(felt: dict[str, FeltTouch]) 
 def test_the_hand_does_what_it_is_asked_for_and_laid_pressure_agrees(felt: dict[str, FeltTouch]) -> None:
     for row in felt.values():
         assert row.hand_n == pytest.approx(row.asked_n, rel=0.2), row
-        assert row.laid_n == pytest.approx(row.felt_n, rel=0.15), row
+        # each by the force that pressed: a hand does what it is asked for within 20 %
+        assert row.laid_n / row.asked_n == pytest.approx(row.felt_n / row.hand_n, rel=0.1), row
         assert row.laid_mm is not None
         assert row.laid_mm < 5.0, row

@@ -117,7 +117,7 @@ class Bearing:
         """What each joint bears more than a moment ago (n_servos,), as multiples of what comes from outside;
         0 without measured torques. Joints lag by `lag` [s] at most."""
         if joints.torque is None or not self._known:
-            self._changes.clear()
+            self.forget()  # nobody may compare what comes later with what was before
             return np.zeros(len(self.least))
         torques, changes = self._torques, self._changes
         torques.append((joints.stamp, joints.torque))

@@ -53,6 +53,25 @@ def test_in_a_slow_loop_a_hand_is_pressed_with_no_more_than_12_newtons(name: str
     assert seen.state == "RUN"
 
 
+@pytest.mark.parametrize(("name", "seed", "rate"), [("g1", 2, 50.0), ("alex", 3, 25.0)])
+def test_an_arm_that_lost_its_hand_may_go_on_for_as_long_as_its_commands_are_late(
+    name: str, seed: int, rate: float
+) -> None:
+    """Its motion against its newest command stopped the robot, and the G1 then pressed the hand with 50 N."""
+    seen = guide(name, seed, repeat=False, slow=rate)
+    assert seen is not None
+    assert seen.state == "RUN"
+    assert seen.kept < 0.9, "the hand was lost for a while"
+    assert seen.high <= 12.0
+
+
+def test_a_finger_that_springs_back_in_a_slow_loop_stops_no_robot() -> None:
+    """A hand on a finger slid off: 30 degrees in 20 ms were called a jump of the encoder."""
+    seen = guide("g1-inspire", 3009, repeat=False, slow=50.0)
+    assert seen is not None
+    assert seen.state == "RUN"
+
+
 def test_a_hand_that_pushes_an_arm_on_beside_its_body_stops_no_robot(monkeypatch: pytest.MonkeyPatch) -> None:
     """The judge counts such a push only if it ended in a stop: a NAO's did, since its motor gave in."""
     pushes, states = [0.0], []

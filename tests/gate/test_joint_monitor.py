@@ -118,6 +118,33 @@ def test_19_a_motion_against_its_command_is_told_after_a_tenth_of_a_second() -> 
     assert settings.opposing < joints.stamp < settings.opposing + 3 * PERIOD
 
 
+def back_and_forth(time: float) -> Array:
+    """Reference angles (6,) [rad] that turn at 0.5 s, at 0.3 rad/s."""
+    return np.full(6, 0.3 * (0.5 - abs(time - 0.5)))
+
+
+def fault_of_turn(turns_after: float, lag: float) -> tuple[float, Reason] | None:
+    """First fault of joints that go on for some time [s] after its reference turned, of which it is known
+    by how much they lag [s]."""
+    monitor = JointMonitor(ROBOT, MonitorSettings(following_error=3.0))
+    for joints in readings(lambda time: back_and_forth(time - turns_after), duration=1.0):
+        if fault := monitor.step(joints, reference(back_and_forth, joints.stamp), lags=np.full(6, lag)):
+            return joints.stamp, fault
+    return None
+
+
+def test_a_joint_that_lags_turns_as_much_later_than_its_reference() -> None:
+    assert fault_of_turn(0.17, 0.1) is None
+
+
+@pytest.mark.parametrize("lag", [0.02, 0.1])
+def test_19_a_joint_that_never_turns_is_told_a_tenth_of_a_second_after_its_lag(lag: float) -> None:
+    found = fault_of_turn(2.0, lag)
+    assert found is not None
+    assert found[1].code is Code.OPPOSED_MOTION
+    assert 0.1 < found[0] - (0.5 + lag) < 0.1 + 4 * PERIOD
+
+
 def test_25_an_encoder_step_is_told_at_once() -> None:
     def stepped(time: float, angle: float) -> float:
         return angle + (np.deg2rad(10.0) if time > 0.495 else 0.0)
@@ -154,6 +181,23 @@ def test_a_struck_joint_goes_as_fast_as_one_of_its_speeds_says(speed: float, jum
     assert monitor.step(before, none) is None
     found = monitor.step(struck, none)
     assert (found is not None and found.code is Code.ENCODER_JUMPED) is jumps
+
+
+@pytest.mark.parametrize(("back", "jumps"), [(0.0, False), (-20.0, True)])
+@pytest.mark.parametrize("commanded", [False, True])
+def test_a_joint_that_somebody_bent_springs_back_as_fast_as_it_likes(
+    back: float, jumps: bool, commanded: bool
+) -> None:
+    """A finger that a hand bent by 14 degrees was back within 40 ms, on a plant. An encoder that jumps goes
+    elsewhere; and one under command is never bent so far."""
+    monitor, servos = JointMonitor(ROBOT), SERVOS if commanded else SERVOS[:0]
+    k, period, found = len(servos), 0.04, []
+    for index, angle in enumerate(np.deg2rad([0.0, 2.0, 5.0, 9.0, 14.0, 14.0, back])):
+        joints = JointReading(period * index, index, np.full(6, angle), np.zeros(6))
+        told = Reference(servos, (Mode.POSITION,) * k, np.full(k, angle), np.zeros(k))
+        found.append(monitor.step(joints, told))
+    assert not any(found[:-1])
+    assert (found[-1] is not None and found[-1].code is Code.ENCODER_JUMPED) is (jumps or commanded)
 
 
 @pytest.mark.parametrize("gap", [0.03, 0.06, 0.1])

@@ -16,6 +16,7 @@ from tci.gate.joint_monitor import Reference
 from tci.gate.motion import Motion
 from tci.messages import Contacts, JointReading, Met, PlatformOrder, PlatformSwitch
 from tci.messages.commands import MOST_EXPECTED
+from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 from tci.robot.joint_calibration import Tool
@@ -95,6 +96,12 @@ class Answering:
     def excused(self) -> frozenset[int]:
         """Servos that a contact moves, or that somebody leads, now: they need not follow."""
         return frozenset() if self._reaction is None else self._reaction.blocked | self._reaction.led
+
+    @property
+    def lags(self) -> Array | None:
+        """Time (n_servos,) [s] by which each joint lags at most that nothing holds; None if nobody measures
+        it here."""
+        return None if self._reaction is None else self._reaction.lags
 
     @property
     def stays(self) -> frozenset[int] | None:

@@ -362,13 +362,13 @@ class Gate:
             self._motion.refuse(joints)
         else:
             # also in the state STOP: a joint must not be braked on the basis of wrong data
-            monitor = self._monitor
-            if monitor is not None and (
-                fault := monitor.step(
-                    joints, self._reference, self._motion.unanswered, excused=self._answering.excused
+            monitor, own = self._monitor, self._answering
+            if monitor is not None:
+                fault = monitor.step(
+                    joints, self._reference, self._motion.unanswered, lags=own.lags, excused=own.excused
                 )
-            ):
-                self.stop(fault)
+                if fault is not None:
+                    self.stop(fault)
             self._motion.see(joints, now, believed=monitor is None or not monitor.misled)
             reason = self._motion.fault_of_age(now, self._stale_after)
         blind = bool(reason)

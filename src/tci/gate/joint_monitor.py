@@ -21,6 +21,7 @@ from tci.gate.kernels.motion import (
     JUMPED,
     LATE,
     OPPOSED,
+    Been,
     Drifts,
     Kinds,
     Limits,
@@ -49,12 +50,13 @@ class MonitorSettings:
     following_error: float = np.deg2rad(6.0)
     """Largest distance [rad] that a servo may keep from a reference that is at rest."""
     lag: float = 0.1
-    """Time [s] by which a servo may lag behind a moving reference."""
+    """Time [s] by which a servo may lag behind a moving reference, until its own lag is known."""
     patience: float = 0.15
     """Time [s] for which the distance from the reference may be larger than `following_error` and `lag`
     allow."""
     opposing: float = 0.1
-    """Time [s] for which a servo may move in the direction opposite to its reference."""
+    """Time [s] for which a servo may move in the direction opposite to its reference, once it has had the
+    time by which it lags."""
     least_speed: float = np.deg2rad(3.0)
     """Speed [rad/s] below which a servo counts as not moving."""
     encoder_step: float = np.deg2rad(2.0)
@@ -129,12 +131,14 @@ class JointMonitor:
         self._modes: tuple[Mode, ...] = ()
         self._kinds = Kinds(np.zeros(0, bool), np.zeros(0, bool))
         self._fresh = np.inf
-        never = [np.full(count, np.inf) for _ in range(4)]
+        memory = np.full((7, count), np.inf)
+        memory[2:4] = -np.inf
         self._monitor = Monitor(
             self._limits,
             self._numbers,
             Readings(*np.zeros((4, count))),
-            Motions(never[0], never[1], never[2], never[3], np.zeros(count)),
+            Been(np.full(count, np.inf), np.full(count, -np.inf)),
+            Motions(*memory),
             Drifts(np.zeros(count)),
             self._worst,
         )
@@ -146,13 +150,15 @@ class JointMonitor:
         reference: Reference,
         unanswered: Array | None = None,
         *,
+        lags: Array | None = None,
         excused: frozenset[int] = frozenset(),
     ) -> Reason | None:
         """Checks a usable reading. Returns the reason why the robot must stop; None if the robot follows its
         reference.
 
         `reference` must be that of the time when the reading was taken. `unanswered` (k,) [N m] are torques
-        that were added without an answer in the readings. The servos in `excused` need not
+        that were added without an answer in the readings. Joints lag by `lags` (n_servos,) [s] at most,
+        by that of the settings if nobody measures it. The servos in `excused` need not
         follow now: they met something, and the gate moves them away from it.
         Call this method once per control period.
         """
@@ -165,8 +171,9 @@ class JointMonitor:
         if excused:
             kinds = kinds._replace(follows=kinds.follows & ~np.isin(reference.servos, [*excused]))
         sent = Sent(*np.array([reference.position, reference.velocity]))
+        longest = np.full(len(self._names), self.settings.lag) if lags is None else lags
         found = judge_reading(
-            self._monitor, reference.servos, kinds, sent, pushed, joints.position, joints.velocity,
+            self._monitor, reference.servos, kinds, sent, pushed, longest, joints.position, joints.velocity,
             joints.stamp, elapsed,
         )  # fmt: skip
         if not elapsed > 0.0:

@@ -17,8 +17,8 @@ def since(begin: Array, holds: Array, now: float) -> Array:
 
 
 def oracle(
-    judged: Array, now: Array, before: Array, position: Array, velocity: Array, stamp: float, elapsed: float,
-    memory: at.Motions,
+    judged: Array, now: Array, before: Array, position: Array, velocity: Array, lags: Array, stamp: float,
+    elapsed: float, memory: at.Motions,
 ) -> tuple[int, int]:  # fmt: skip
     """Returns the fault and the servo with the fault, for servos that are all commanded."""
     following, lag, patience, opposing, least, repeat, travel = SETTINGS[:7]
@@ -28,6 +28,8 @@ def oracle(
         return at.LATE, int(np.argmax(lasted))
     speed = (now - before) / elapsed
     against = judged & (velocity * speed < 0.0) & (np.minimum(np.abs(speed), np.abs(velocity)) > least)
+    memory.rose[velocity > least], memory.fell[velocity < -least] = stamp, stamp
+    against &= stamp - elapsed - np.where(speed > 0.0, memory.rose, memory.fell) > lags
     lasted = since(memory.opposed_since, against, stamp)
     if (lasted > opposing).any():
         return at.OPPOSED, int(np.argmax(lasted))
@@ -46,7 +48,8 @@ def test_it_finds_what_numpy_finds(seed: int) -> None:
     random = np.random.default_rng(seed)
     n, step = 6, 0.01
     judged = random.random(n) < 0.8
-    memories = [at.Motions(*np.full((4, n), np.inf), np.zeros(n)) for _ in range(3)]
+    never, lags = np.full((4, n), np.inf), random.choice([0.0, 0.03, 0.2], n)
+    memories = [at.Motions(*never[:2].copy(), *-never[2:], *never[2:].copy(), np.zeros(n)) for _ in range(3)]
     servos, worst, found = np.arange(n), np.zeros(2), set()
     measured, position, velocity = np.zeros(n), np.zeros(n), np.zeros(n)
     for k in range(1, 400):
@@ -55,11 +58,11 @@ def test_it_finds_what_numpy_finds(seed: int) -> None:
             moving = random.choice([1.0, 1.0, 0.0, -1.0, 0.5], n)
         position = position + step * velocity
         before, measured = measured, measured + (step * velocity * moving if k >= 10 else 0.0)
-        wanted = oracle(judged, measured, before, position, velocity, step * k, step, memories[0])
+        wanted = oracle(judged, measured, before, position, velocity, lags, step * k, step, memories[0])
         readings = at.Readings(measured, velocity, before, velocity)
         kinds = at.Kinds(judged, judged)
         sent = at.Sent(position, velocity)
-        seen = (servos, kinds, readings, sent, SETTINGS, step * k, step)
+        seen = (servos, kinds, readings, sent, lags, SETTINGS, step * k, step)
         plain = np.zeros(2)
         in_python = at.judge_motion.py_func(*seen, memories[2], plain)
         got = at.judge_motion(*seen, memories[1], worst)
@@ -144,17 +147,22 @@ def test_a_reading_is_noted_and_an_angle_that_jumps_is_found(elapsed: float) -> 
     fastest = np.array([1.0, 1.0, np.inf, 1.0])
     limits = at.Limits(np.full(count, 2.0), fastest)
     readings, worst = at.Readings(*np.zeros((4, count))), np.zeros(2)
-    motions, drifts = at.Motions(*np.zeros((5, count))), at.Drifts(np.zeros(count))
-    kinds, sent = at.Kinds(*np.zeros((2, 0), bool)), at.Sent(*np.zeros((2, 0)))
-    none = np.zeros(0, np.intp), kinds, sent, np.zeros(0)
+    motions, drifts = at.Motions(*np.full((7, count), np.inf)), at.Drifts(np.zeros(count))
+    been, commanded = at.Been(*np.zeros((2, count))), np.array([0, 2])
+    been.low[:], been.high[:] = np.inf, -np.inf
+    low, high = been.low.copy(), been.high.copy()
+    kinds, sent = at.Kinds(np.ones(2, bool), np.zeros(2, bool)), at.Sent(*np.zeros((2, 2)))
+    none = commanded, kinds, sent, np.zeros(2), np.zeros(count)
     for _ in range(60):
         before, speed_before = readings.angle.copy(), readings.speed.copy()
         angles = before + random.choice([0.0, 0.055, -0.065, 0.2], count)
         speeds = random.normal(size=count)
-        monitor = at.Monitor(limits, SETTINGS, readings, motions, drifts, worst)
+        monitor = at.Monitor(limits, SETTINGS, readings, been, motions, drifts, worst)
         got = at.judge_reading(monitor, *none, angles, speeds, 1.0, elapsed)
         assert np.array(readings).tolist() == np.array([angles, speeds, before, speed_before]).tolist()
-        change = np.abs(angles - before)
+        low, high = np.minimum(before, low + 0.05 * elapsed), np.maximum(before, high - 0.05 * elapsed)
+        low[commanded] = high[commanded] = before[commanded]
+        change = np.abs(angles - np.clip(angles, low, high))  # where it was it may be again
         beyond = change - (fastest * max(elapsed, 1e-9) + 0.05)
         led = 0.5 * (speeds + speed_before) * elapsed  # the way that the velocity tells
         lost = (elapsed > 0.025) & (change <= 4.0 * fastest * max(elapsed, 1e-9) + 0.05)

@@ -118,6 +118,11 @@ class ContactReaction:
                 group.sags.told(order.servos, order.values, now)
                 self._easing.told(order.servos)
 
+    @property
+    def lags(self) -> Array:
+        """Time (n_servos,) [s] by which a joint lags at most that nothing holds."""
+        return self._scene.following.lags
+
     def sag_as(self, before: ContactReaction) -> None:
         """Takes over from one with other settings which joints were told to be softer."""
         self._easing = before._easing

@@ -104,12 +104,26 @@ class Motions(NamedTuple):
     """Times [s] at which servos began to be far from their references; infinity for others."""
     opposed_since: Array
     """Times [s] at which servos began to move against their references; infinity for others."""
+    rose: Array
+    """Times [s] at which the references went towards larger angles last; -infinity if they never did."""
+    fell: Array
+    """The same towards smaller angles."""
     repeats_since: Array
     """Times [s] at which servos began to repeat their angles; infinity for others."""
     left_since: Array
     """Times [s] since which the references are far from `origin`; infinity for others."""
     origin: Array
     """References [rad] at the times when the angles began to repeat."""
+
+
+class Been(NamedTuple):
+    """Where servos that nobody commands were of late, each (n_servos,); for those under command, the reading
+    before."""
+
+    low: Array
+    """Smallest angles [rad]."""
+    high: Array
+    """Largest angles [rad]."""
 
 
 class Drifts(NamedTuple):
@@ -126,6 +140,7 @@ class Monitor(NamedTuple):
     limits: Limits
     settings: Settings
     readings: Readings
+    been: Been
     motions: Motions
     drifts: Drifts
     worst: Array
@@ -137,7 +152,8 @@ MONITOR = record(
     record(Limits, *2 * [writes(1)]),
     record(Settings, *10 * [float64]),
     record(Readings, *4 * [writes(1)]),
-    record(Motions, *5 * [writes(1)]),
+    record(Been, *2 * [writes(1)]),
+    record(Motions, *7 * [writes(1)]),
     record(Drifts, *1 * [writes(1)]),
     writes(1),
 )
@@ -154,16 +170,28 @@ def all_finite(values: Array) -> bool:
 
 
 @inlined
-def _jump(readings: Readings, limits: Limits, step: float, elapsed: float, worst: Array) -> bool:
+def _note_where(been: Been, servos: Array, readings: Readings, creep: float, elapsed: float) -> None:
+    """Notes where joints were before the latest reading, and forgets what was earlier as fast as they `creep`
+    [rad/s]. The `servos` (k,) are under command."""
+    for i in range(len(readings.angle)):
+        before = readings.angle_before[i]
+        been.low[i] = min(before, been.low[i] + creep * elapsed)
+        been.high[i] = max(before, been.high[i] - creep * elapsed)
+    for k in range(len(servos)):
+        been.low[servos[k]] = been.high[servos[k]] = readings.angle_before[servos[k]]
+
+
+@inlined
+def _jump(readings: Readings, been: Been, limits: Limits, step: float, elapsed: float, worst: Array) -> bool:
     """Returns True if the angle of any servo changed by more than its speed limit allows in `elapsed` [s],
-    plus `step` [rad].
+    plus `step` [rad]. A joint that somebody bent springs back faster, but not elsewhere than it was.
 
     Writes into `worst` (2,) the index of the servo with the largest excess, and the change [rad] of its
     angle.
     """
     most = 0.0
     for i in range(len(readings.angle)):
-        change = abs(readings.angle[i] - readings.angle_before[i])
+        change = abs(readings.angle[i] - min(max(readings.angle[i], been.low[i]), been.high[i]))
         beyond = change - (limits.velocity[i] * elapsed + step)
         mean = 0.5 * (readings.speed[i] + readings.speed_before[i])
         agrees = step
@@ -183,6 +211,7 @@ def judge_motion(
     kinds: Kinds,
     readings: Readings,
     sent: Sent,
+    lags: Array,
     settings: Settings,
     now: float,
     elapsed: float,
@@ -194,6 +223,7 @@ def judge_motion(
     moves).
 
     `sent` are the references of `servos` (k,). The `readings` are of `now` [s] and of `elapsed` [s] earlier.
+    A joint that goes where its reference went within its own of the `lags` (n_servos,) [s] only lags.
     In case of a fault, writes into `worst` (2,) the index of the servo in `servos` and, except for OPPOSED,
     an angle [rad]: the distance from the reference (LATE) or the motion of the reference (FROZEN).
     """
@@ -212,7 +242,13 @@ def judge_motion(
     for k in range(len(servos)):
         servo = servos[k]
         speed = (readings.angle[servo] - readings.angle_before[servo]) / elapsed
+        if velocity[k] > settings.least_speed:
+            memory.rose[servo] = now
+        elif velocity[k] < -settings.least_speed:
+            memory.fell[servo] = now
+        went = memory.rose[servo] if speed > 0.0 else memory.fell[servo]
         against = velocity[k] * speed < 0.0 and min(abs(speed), abs(velocity[k])) > settings.least_speed
+        against = against and now - elapsed - went > lags[servo]
         begin = min(memory.opposed_since[servo], now) if kinds.follows[k] and against else float("inf")
         memory.opposed_since[servo] = begin
         if now - begin > max(longest, settings.opposing):
@@ -286,19 +322,20 @@ def judge_velocity(
 @compiled(
     int64(
         MONITOR, views(1, int64), record(Kinds, *2 * [writes(1, boolean)]), record(Sent, *2 * [writes(1)]),
-        views(1), views(1), views(1), float64, float64,
+        views(1), views(1), views(1), views(1), float64, float64,
     )
 )  # fmt: skip
 def judge_reading(
-    monitor: Monitor, servos: Array, kinds: Kinds, sent: Sent, unanswered: Array, angles: Array,
-    speeds: Array, now: float, elapsed: float,
+    monitor: Monitor, servos: Array, kinds: Kinds, sent: Sent, unanswered: Array, lags: Array,
+    angles: Array, speeds: Array, now: float, elapsed: float,
 ) -> int:  # fmt: skip
     """Checks a joint reading for faults: `angles` [rad] and `speeds` [rad/s] (n_servos,) of all servos,
     measured at the time `now` [s].
 
     Returns the fault as one of the numbers LATE to JUMPED; FOLLOWS if there is no fault. `elapsed` [s] is the
     time since the previous reading. If `elapsed` is 0 or less, the reading is only stored. `sent` was
-    sent to the `servos` (k,), and `unanswered` (k,) [N m] are torques that no reading answered.
+    sent to the `servos` (k,), and `unanswered` (k,) [N m] are torques that no reading answered. Joints lag by
+    `lags` (n_servos,) [s] at most.
     """
     limits, settings, readings, worst = monitor.limits, monitor.settings, monitor.readings, monitor.worst
     for i in range(len(angles)):
@@ -306,11 +343,12 @@ def judge_reading(
         readings.angle[i], readings.speed[i] = angles[i], speeds[i]
     if not elapsed > 0.0:
         return FOLLOWS
-    if _jump(readings, limits, settings.encoder_step, elapsed, worst):
+    _note_where(monitor.been, servos, readings, settings.least_speed, elapsed)
+    if _jump(readings, monitor.been, limits, settings.encoder_step, elapsed, worst):
         return JUMPED
     found = judge_velocity(
         servos, kinds, readings, unanswered, limits, settings, elapsed, monitor.drifts, worst
     )
     if found != FOLLOWS:
         return found
-    return judge_motion(servos, kinds, readings, sent, settings, now, elapsed, monitor.motions, worst)
+    return judge_motion(servos, kinds, readings, sent, lags, settings, now, elapsed, monitor.motions, worst)

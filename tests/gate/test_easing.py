@@ -210,6 +210,24 @@ def test_a_soft_part_that_touches_somebody_gets_no_stiffer() -> None:
     assert arm.share == 1.0
 
 
+@pytest.mark.parametrize(("bent", "met"), [(-5.0, False), (5.0, True)], ids=["sinks", "is lifted"])
+def test_a_joint_told_to_be_soft_sinks_and_only_somebody_lifts_it(bent: float, met: bool) -> None:
+    """At a fifth of its stiffness, within the second in which it sinks: a lift was taken for a sag."""
+    gate, now = Gate(ROBOT, period=PERIOD, stale_after=0.1, settings=ANSWERS, streams=True), 0.0
+    angles, raised, seen = np.array(initial_position(ROBOT)), np.deg2rad(70.0), set[str | None]()
+    angles[ROLL] = raised
+    assert Gravity(ROBOT).torques(angles)[ROLL] > 2.0, "more than friction"
+    soft = PlatformCommand(Mode.STIFFNESS, np.array([ROLL]), np.array([0.2]), np.ones(1))
+    for step in range(150):
+        orders = {0: [position_command([ROLL], [raised])], 60: [soft]}.get(step, [])
+        safe = gate.step(orders, reading(angles, now), now)
+        low = np.deg2rad(bent) * min(max(step - 65, 0) / 30.0, 1.0)
+        angles[safe.servos] = safe.position + low * (safe.servos == ROLL)
+        seen |= {one.joint for one in safe.met}
+        now += PERIOD
+    assert seen == ({"l_shoulder_roll"} if met else set())
+
+
 def test_an_order_for_stiffness_is_the_last_word() -> None:
     arm = Softened()
     arm.step(PlatformCommand(Mode.STIFFNESS, np.array([ROLL]), np.array([0.5]), np.ones(1)))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tci.errors import DescriptionError, UnknownNameError
 from tci.gate.contact.group import Group
-from tci.gate.contact.weights import MOST, SOFT, bends
+from tci.gate.contact.weights import FRICTION, MOST, SOFT, bends
 from tci.messages import Contact
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
@@ -150,10 +150,22 @@ class Easing:
                     del self._full[servo]
         return found
 
+    def weights(self, position: Array) -> Array:
+        """Angles (n_servos,) [rad] by which links bend joints of full stiffness below their references; 0
+        where masses are unknown, or where friction or what a hand carries may bend it the other way."""
+        if self._gravity is None:
+            return np.zeros(len(position))
+        bent = self._own(self._gravity, position)
+        return np.where(np.abs(bent) > SOFT * FRICTION + self._loaded, bent, 0.0)
+
     def _bent(self, gravity: Gravity, position: Array) -> Array:
         """Angles (n_servos,) [rad] by which weights bend joints of full stiffness."""
+        bent: Array = np.abs(self._own(gravity, position)) + self._loaded
+        return bent
+
+    def _own(self, gravity: Gravity, position: Array) -> Array:
         weight = gravity.torques(position, down=self._turn(position) @ self._down)
-        bent: Array = SOFT * np.abs(weight) / self._torque + self._loaded
+        bent: Array = SOFT * weight / self._torque
         return bent
 
     def _turn(self, position: Array) -> Array:

@@ -239,6 +239,8 @@ class ContactReaction:
             self._waiting.forget()
             return [], []
         error = scene.following.error(joints, reference)
+        soft = any(one.sags.soft for one in self._groups.values())
+        weights = self._easing.weights(joints.position) if soft else np.zeros(len(error))
         ways: list[Way] = []
         told: list[Reason] = []
         met: list[Met] = []
@@ -252,7 +254,8 @@ class ContactReaction:
                     release(scene, group)
                 continue
             here = joints.position[group.servos]
-            sags = group.sags.look(np.abs(group.references(reference, joints.position) - here), now)
+            behind = group.references(reference, joints.position) - here
+            sags = group.sags.look(behind, weights[group.servos], now)
             excused = self._excused[group.servos]
             bound = bounds(excused, scene.settings, rests=scene.rests(group)) + sags
             excused = excused + sags

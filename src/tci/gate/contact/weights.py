@@ -32,6 +32,8 @@ MOST = float(np.deg2rad(4.0))
 SINKS = 1.0
 """Time [s] within which a joint that got softer has sunk: several swings of an arm at a fifth of its
 stiffness."""
+WRONG = 0.2
+"""Fraction of a weight by which a servo that compensates it may lift its joint: masses are wrong by that."""
 POSTURES = 32
 ALIKE, COARSE = 0.1, float(np.deg2rad(0.2))
 """Fraction and angle [rad] by which two bends by one weight differ: its lever, and an encoder's steps."""
@@ -61,7 +63,7 @@ class Sag:
 
 class Sags:
     """How far the joints of one group sag since they got a smaller share of their stiffness. What a softer
-    joint sinks by is no contact, but what bends it further is."""
+    joint sinks by is no contact, but what bends it further is, and what lifts it."""
 
     def __init__(self, servos: NDArray[np.intp]) -> None:
         self._servos = servos
@@ -70,6 +72,10 @@ class Sags:
         self._sags = np.zeros(len(servos))
         self._stiffer = np.zeros(len(servos), bool)
         self._until = np.full(len(servos), -np.inf)
+
+    @property
+    def soft(self) -> bool:
+        return bool((self.shares < 1.0).any())
 
     def told(self, servos: NDArray[np.intp], shares: Array, now: float) -> None:
         """Notes which shares (j,) of their stiffness `servos` (j,) get at `now` [s]."""
@@ -89,13 +95,17 @@ class Sags:
         self.shares[mine], self._sags[mine] = share, sag
         self._until[mine], self._stiffer[mine] = -np.inf, False
 
-    def look(self, behind: Array, now: float) -> Array:
-        """By how much each joint sags (k,) [rad] that is `behind` its reference by so much (k,) [rad]."""
+    def look(self, behind: Array, weights: Array, now: float) -> Array:
+        """By how much each joint sags (k,) [rad] that is `behind` its reference by so much (k,) [rad], either
+        way. `weights` (k,) [rad] bend it at full stiffness; 0 if nobody knows which way."""
+        off, shares = np.abs(behind), np.maximum(self.shares, 1e-3)
         # at a share of its stiffness the same weight bends it further, but no weight bends it as far as MOST
-        sunk = np.minimum(behind, MOST / np.maximum(self.shares, 1e-3))
+        lifts = behind * weights < 0.0
+        least = WRONG * np.abs(weights) / shares
+        sunk = np.minimum(off, np.where(lifts, least, MOST / shares))
         self._sags = np.where(now < self._until, np.maximum(self._sags, sunk), self._sags)
-        self._sags = np.where(self._stiffer, np.minimum(self._sags, behind), self._sags)
-        return self._sags
+        self._sags = np.where(self._stiffer, np.minimum(self._sags, off), self._sags)
+        return np.where(lifts, np.minimum(self._sags, least), self._sags)
 
 
 def bends(robot: Robot, loads: Mapping[str, Tool], *, most: float = MOST) -> Array:

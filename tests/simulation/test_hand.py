@@ -74,6 +74,31 @@ def test_what_presses_skin_is_felt_by_it_where_hulls_stick_out() -> None:
     assert done >= 6
 
 
+def test_a_grip_is_felt_by_the_pad_on_skin_though_the_other_presses_a_bare_side() -> None:
+    world = World("icub", skin=["right_forearm"], people=1)
+    skin, hand, done = world.surfaces["right_forearm"], world.person().left, 0
+    across = skin.positions.mean(axis=0)
+    for taxel in np.random.default_rng(4).permutation(len(skin.positions))[:60].tolist():
+        place, out = skin.positions[taxel], skin.normals[taxel]
+        other = place - 2.0 * float((place - across) @ out) * out
+        if np.linalg.norm(skin.positions - other, axis=1).min() < 0.03:
+            continue
+        world.reset()
+        path = HandPath(
+            link=skin.link, times=[0.0, 0.5], points=[[place, other]] * 2, normals=[[out, -out]] * 2,
+            forces=[[3.0, 3.0]] * 2, pads=("thumb", "index"),
+        )  # fmt: skip
+        try:
+            hand.touch(path)
+        except TciError:
+            continue
+        world.advance(0.4)
+        assert hand.force > 3.0
+        assert world.contact_truth("right_forearm").force == pytest.approx(0.5 * hand.force, rel=0.1), taxel
+        done += 1
+    assert done >= 3
+
+
 def test_the_peaks_of_blows_are_those_asked_for(nao: World) -> None:
     random, hand, done = np.random.default_rng(8), nao.person().right, 0
     for _ in range(14):

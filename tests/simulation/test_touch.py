@@ -206,6 +206,13 @@ def test_more_contacts_than_slots_are_an_error_not_a_smaller_force(nao: World) -
         nao.taxels.vectors(patch)
 
 
+def test_noise_presses_no_switch() -> None:
+    world = World("nao-plain", noise=0.5)
+    for _ in range(50):
+        world.advance(world.time + 0.02)
+        assert all((frame.values == 0.0).all() for frame in world.frames())
+
+
 def test_noise_comes_from_the_seed() -> None:
     robot = load_robot("nao")
     first, same, other = (World(robot, noise=1.0, seed=seed) for seed in (3, 3, 4))

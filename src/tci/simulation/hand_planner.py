@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tci.errors import TciError
 from tci.messages.frames import Array, read_only
@@ -30,17 +30,17 @@ _INSIDE = 5e-4
 
 
 class HandPlanner:
-    """Plans the ways of one hand, on paper: nothing moves, but a plan decides which geoms the hand meets."""
+    """Plans the ways of one hand, on paper: nothing moves, but a plan decides which geoms each pad meets."""
 
     def __init__(
         self, physics: Physics, name: str, person: PersonModel, surfaces: Mapping[str, Surface]
     ) -> None:
         self._physics, self._name, model = physics, name, physics.model
         self._geoms = [model.geom(f"{name}_{pad}").id for pad in PADS]
-        self._scratch = mujoco.MjData(model)
-        self._solid = np.flatnonzero(model.geom_conaffinity & PERSON).tolist()
-        names = {geom: str(model.geom(geom).name) for geom in self._solid}
-        self._hard = [geom for geom in self._solid if not names[geom].startswith(SKIN_GEOM)]
+        self._scratch, self._bit = mujoco.MjData(model), int(model.geom_contype[self._geoms[0]])
+        solid = np.flatnonzero(model.geom_conaffinity & PERSON).tolist()
+        names = {geom: str(model.geom(geom).name) for geom in solid}
+        self._hard = [geom for geom in solid if not names[geom].startswith(SKIN_GEOM)]
         self._skins = [
             (geom, surfaces[name.removeprefix(SKIN_GEOM)])
             for geom, name in names.items() if name.startswith(SKIN_GEOM)
@@ -80,8 +80,8 @@ class HandPlanner:
         R, p, local = source.xmat[body].reshape(3, 3), source.xpos[body], np.empty(9)
         out = np.asarray(normal) / np.linalg.norm(normal)
         mujoco.mju_quat2Mat(local, self.turn(link, out))
-        near = [geom for geom in self._solid if model.geom_bodyid[geom] == body]
         geom = self._geoms[PADS.index(pad)]
+        near = [other for other in self._met_by(geom) if model.geom_bodyid[other] == body]
         return self._height(geom, near, p + R @ np.asarray(point), R @ out, R @ local.reshape(3, 3))
 
     def turn(self, link: str, normal: ArrayLike) -> Array:
@@ -92,23 +92,35 @@ class HandPlanner:
         return turn
 
     def _open(self, path: HandPath, link: int) -> None:
-        """A path on skin leads through the bare hulls of its link and of the links beside it. They are rough,
-        and stick out of the skin of some robots by up to two centimetres, where the robot itself has none; a
-        pad that slides into the notch between skin and hull is wedged with thousands of newtons."""
-        model, bit = self._physics.model, int(self._physics.model.geom_contype[self._geoms[0]])
+        """A pad that mostly presses skin passes through the bare hulls of its link and of those beside it.
+        They are rough, and stick out of the skin of some robots by up to two centimetres, where the robot
+        itself has none; a pad that slides into the notch between skin and hull is wedged with thousands of
+        newtons. The other pads of a grip meet the bare side."""
+        model, bit = self._physics.model, self._bit
         model.geom_conaffinity[self._hard] |= bit
         parent = model.body_parentid
         bodies = {geom: model.geom_bodyid[geom] for geom in self._hard}
         near = [geom for geom, body in bodies.items() if link in (body, parent[body]) or body == parent[link]]
-        skins = [skin for geom, skin in self._skins if model.geom_bodyid[geom] == link]
-        points = np.array(path.points).reshape(-1, 3)
-        points = points[:: max(1, len(points) // 20)]
-        if skins:
-            taxels = np.concatenate([skin.positions for skin in skins])
-            widths = np.maximum(np.sqrt(np.concatenate([skin.areas for skin in skins])), _ON_SKIN)
-            if ((np.linalg.norm(points[:, None] - taxels, axis=2) < widths).any(axis=1)).all():
-                model.geom_conaffinity[near] &= ~bit
-        self._solid = np.flatnonzero(model.geom_conaffinity & bit).tolist()
+        model.geom_conaffinity[near] &= ~bit
+        points = np.array(path.points)
+        on_skin = self._on_skin(points[:: max(1, len(points) // 20)], link).mean(axis=0) > 0.5
+        bits = dict(zip(path.pads, np.where(on_skin, bit, PERSON), strict=True))
+        model.geom_contype[self._geoms] = [bits.get(pad, bit if on_skin.any() else PERSON) for pad in PADS]
+
+    def _on_skin(self, points: Array, link: int) -> NDArray[np.bool_]:
+        """Which points (..., 3) [m] in a link's frame have a taxel of this link near."""
+        skins = [skin for geom, skin in self._skins if self._physics.model.geom_bodyid[geom] == link]
+        if not skins:
+            return np.zeros(points.shape[:-1], bool)
+        taxels = np.concatenate([skin.positions for skin in skins])
+        widths = np.maximum(np.sqrt(np.concatenate([skin.areas for skin in skins])), _ON_SKIN)
+        apart = np.linalg.norm(points[..., None, :] - taxels, axis=-1)
+        return np.asarray((apart < widths).any(axis=-1))
+
+    def _met_by(self, pad: int) -> list[int]:
+        """The geoms that a pad (a geom) touches."""
+        model = self._physics.model
+        return np.flatnonzero(model.geom_conaffinity & model.geom_contype[pad]).tolist()
 
     def _heights(self, path: HandPath, turns: Array, link: int) -> Array:
         """Heights (n, k) [m] above a path's points at which each pad first touches a body, of those that lie
@@ -119,13 +131,13 @@ class HandPlanner:
         data.xpos[:], data.xmat[:] = source.xpos, source.xmat
         R, p = source.xmat[link].reshape(3, 3), source.xpos[link]
         points, normals = np.array(path.points), np.array(path.normals)
-        near = [geom for geom in self._solid if model.geom_bodyid[geom] == link]
-        if not near:
-            raise TciError(f"{path.link} has no surface that can be touched")
         heights, local = np.zeros(points.shape[:2]), np.empty(9)
         rows = np.unique(np.linspace(0, len(points) - 1, min(len(points), 40)).round().astype(int))
         for k, name in enumerate(path.pads):
             geom = self._geoms[PADS.index(name)]
+            near = [other for other in self._met_by(geom) if model.geom_bodyid[other] == link]
+            if not near:
+                raise TciError(f"{path.link} has no surface that can be touched")
             found = {}
             for n in rows.tolist():
                 key = (*points[n, k], *normals[n, k])
@@ -161,18 +173,18 @@ class HandPlanner:
         hand would start in it, or touch what it should not."""
         model, source, turn = self._physics.model, self._physics.data, np.empty(9)
         R, p = source.xmat[link].reshape(3, 3), source.xpos[link]
-        solid, used = np.array(self._solid), [self._geoms[PADS.index(name)] for name in path.pads]
-        middles, radii = self._scratch.geom_xpos[solid], model.geom_rbound[solid]
-        on_link = model.geom_bodyid[solid] == link
+        used = [self._geoms[PADS.index(name)] for name in path.pads]
+        solids = [np.array(self._met_by(geom)) for geom in self._geoms]
         way = np.linspace(0, flight, 4).astype(int).tolist()
         for row in (*way, *np.linspace(flight, len(plan) - 1 - flight, 5).astype(int).tolist()[1:]):
-            for k, geom in enumerate(self._geoms):
+            for k, (geom, solid) in enumerate(zip(self._geoms, solids, strict=True)):
                 mujoco.mju_quat2Mat(turn, plan["turn"][row, k])
                 self._put(geom, p + R @ plan["place"][row, k], R @ turn.reshape(3, 3))
-                apart = middles - self._scratch.geom_xpos[geom]
-                near = np.einsum("ij,ij->i", apart, apart) < (radii + model.geom_rbound[geom]) ** 2
+                apart = self._scratch.geom_xpos[solid] - self._scratch.geom_xpos[geom]
+                reach = model.geom_rbound[solid] + model.geom_rbound[geom]
+                near = np.einsum("ij,ij->i", apart, apart) < reach**2
                 if row > flight and geom in used:
-                    near &= ~on_link
+                    near &= model.geom_bodyid[solid] != link
                 for other in solid[near].tolist():
                     room = mujoco.mj_geomDistance(model, self._scratch, geom, other, 1e-3, None)
                     if room < -_INSIDE:

@@ -158,7 +158,7 @@ class Taxels:
             counts = self._values[begin : begin + patch.channels].copy() if found else values.astype(float)
             if self._imperfect:
                 self._distort(number, counts, taken)
-            if self._noise:
+            if self._noise and not patch.sensor.switch:
                 counts += self._generator.normal(0.0, self._noise, len(counts))
             values = _raw(patch, counts)
         return SkinFrame(patch.name, taken, int(one["count"]), values)

@@ -691,6 +691,15 @@ def test_a_clamped_person_is_freed(name: str, seed: int) -> None:
     assert after.state == "RUN"
 
 
+def test_an_arm_that_went_back_into_somebody_by_less_than_it_notices_eases() -> None:
+    """Somebody at a Talos' elbow, 2.6 mm behind it, bore 125 N for ever: half of the torque that counts, with
+    the opposite sign of what its joints bore when they met the first."""
+    robot = load_robot("talos")
+    after = squeeze(robot, draw(robot, 11, by="gesture"), settings=ANSWERS, behind=0.00257)
+    assert after.other[0] > 100.0, "it met the second"
+    assert max(after.late, after.other[2]) <= 30.0
+
+
 @pytest.mark.parametrize(
     ("name", "seed", "behind", "most"),
     [

@@ -56,7 +56,7 @@ class First:
         """Forces [N] by which it did last."""
         self.steps = 0 if away is None or between else STEPS
         """How often it may still go towards whom it met before."""
-        self._behind = 0
+        self._behind, self._eases = 0, STEPS
         self._loose = None if away is None else seen.loose
 
     def meets_another(
@@ -119,6 +119,17 @@ class First:
         dry friction may hold it."""
         away = self._away
         return away is not None and self.steps > 0 and bool((pull * np.sign(away) < -COARSE).any())
+
+    @property
+    def may_ease(self) -> bool:
+        """True if it may ease once more."""
+        return self._eases > 0
+
+    def eased(self, seen: Seen) -> Array:
+        """Where it goes (k,) [rad] from somebody whom its joints bear: to where they are, and as far again,
+        if no weight bent them so."""
+        self._eases -= 1
+        return seen.here - np.clip(seen.references - seen.here, -HIDES, HIDES)
 
     def last(self, here: Array) -> Array:
         """Where it goes (k,) [rad] when the second seems free, and may not be."""

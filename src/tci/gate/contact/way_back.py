@@ -20,6 +20,9 @@ SETTLED = 0.02
 STILL = 0.5
 """Fraction of the torque that counts from which on a joint still presses after a way back: twice what dry
 friction is that turned."""
+EASES = 0.25
+"""The same from which on a part eases that bears the opposite of what it bore when it met the first. It may
+be no more than dry friction that turned, so the way is short."""
 SWINGS = 0.5
 """Share of what a joint bears that counts while its part still swings after a way back."""
 
@@ -52,7 +55,8 @@ def go_on(scene: Scene, group: Group, seen: Seen) -> Array | None:
     # a joint that still swings bears its own motion, too
     rests = not (np.abs(seen.joints.velocity[seen.servos]) >= MOVES).any()
     most = float(np.abs(seen.bears).max()) * (1.0 if rests else SWINGS)
-    behind = most > 1.0 and group.first.may_turn and float(np.dot(seen.bears, group.push)) < -SIGN
+    against = float(np.dot(seen.bears, group.push)) < -SIGN
+    behind = most > 1.0 and group.first.may_turn and against
     pressed = behind or (most > STILL and bool(group.path))
     still = held or seen.felt.force > LIGHT
     thing = bool(group.thing) and (still or bent or pressed) and scene.thing(group, seen) is not None
@@ -91,6 +95,9 @@ def go_on(scene: Scene, group: Group, seen: Seen) -> Array | None:
         # nowhere to go: the reference goes where the joint is, and as far again if no weight bent it so
         goal = here - np.where(np.abs(seen.pull) > seen.weights, seen.pull, 0.0)
         return None if np.array_equal(goal, group.goal) else group.goes(goal)
+    if against and most > EASES and not group.thing and group.first.may_ease:
+        group.free = None
+        return group.goes(group.first.eased(seen))
     if not group.thing and group.first.may_press(seen.references - here):
         return group.goes(group.first.last(here))
     release(scene, group)

@@ -59,6 +59,19 @@ def test_blows_are_predicted_as_a_coupled_robot_strikes(name: str) -> None:
     assert np.median(np.abs(np.array(coasting) - 1.0)) <= 0.10
 
 
+def test_joints_are_as_fast_as_they_get_between_their_limits() -> None:
+    """A G1's may go at 37 rad/s, but accelerate with 35 rad/s2 over a few radians."""
+    robot = load_robot("g1")
+    limits = [one.limits for one in robot.servos]
+    lower, upper, most = (
+        np.array([getattr(one, name) for one in limits]) for name in ("lower", "upper", "acceleration")
+    )
+    for one in Impacts(robot).draw(20, PEOPLE, seed=1):
+        way = one.velocity**2 / (2.0 * most)
+        assert (one.position - way >= lower - 1e-9).all()
+        assert (one.position + way <= upper + 1e-9).all()
+
+
 def test_equal_seeds_draw_equal_impacts() -> None:
     impacts = Impacts(load_robot("nao"))
     one, other = ([each.answered for each in impacts.draw(5, PEOPLE, seed=3)] for _ in range(2))

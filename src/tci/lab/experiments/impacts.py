@@ -1,8 +1,8 @@
 """How hard a robot's links may strike or squeeze people, over random postures, speeds, places and regions.
 
 A blow is that of `tci.robot.blow`: the effective mass behind the place, carried by its servos, against a
-region of a person's body. Joints go as fast as their limits allow, so no motion that passes the gate is
-faster. A person is free to move, or clamped: against a wall, they can't give way.
+region of a person's body. Joints go as fast as their limits allow, so no motion in position or velocity mode
+that passes the gate is faster. A person is free to move, or clamped: against a wall, they can't give way.
 """
 
 from __future__ import annotations
@@ -88,6 +88,7 @@ class Impacts:
         self._lower = np.array([one.lower or 0.0 for one in limits])
         self._upper = np.maximum(self._lower, [one.upper or 0.0 for one in limits])
         self._speeds = np.array([one.velocity or 0.0 for one in limits])
+        self._accelerations = np.array([one.acceleration or 20.0 for one in limits])
         self._solids = _Solids(model)
         self._links = {part.name: links for part in robot.parts if (links := self._links_of(part.name))}
         if not self._links:
@@ -113,6 +114,14 @@ class Impacts:
             yield self._one(people[int(random.integers(len(people)))], random)
             progress(number + 1)
 
+    def _fastest(self, position: Array) -> Array:
+        """Largest speeds (n_servos,) [rad/s] to which joints can accelerate on their way from a limit, and
+        from which they can still brake before the other one."""
+        room = np.minimum(position - self._lower, self._upper - position)
+        room[self._lower == self._upper] = np.inf  # it has no limits
+        fastest: Array = np.minimum(self._speeds, np.sqrt(2.0 * self._accelerations * room))
+        return fastest
+
     def _one(self, person: Struck, random: np.random.Generator) -> Impact:
         parts, clamped = list(self._links), bool(random.integers(2))
         while True:
@@ -121,7 +130,7 @@ class Impacts:
             position = random.uniform(self._lower, self._upper)
             way = random.uniform(-1.0, 1.0, len(servos))
             velocity = np.zeros(len(position))
-            velocity[servos] = way / np.abs(way).max() * self._speeds[servos]
+            velocity[servos] = way / np.abs(way).max() * self._fastest(position)[servos]
             link = str(random.choice(self._links[part]))
             inertia, _ = self._dynamics.at(position, np.zeros(len(position)))
             goes = self._dynamics.moved(link, self._solids.middle(link)) @ velocity

@@ -68,6 +68,22 @@ def test_a_hand_on_a_persons_arm_that_comes_and_goes_is_given_way_to() -> None:
     assert met.state == "RUN"
 
 
+@pytest.mark.parametrize(
+    ("name", "seed", "speed", "delay"), [("alex", 111, 0.11, 0.05), ("g1", 102, 0.17, 0.1)]
+)
+def test_a_hand_that_comes_is_neither_lost_nor_struck(
+    name: str, seed: int, speed: float, delay: float
+) -> None:
+    """Loops of 10 ms. A hand that followed the arm was taken for so soft a one that the arm fled from it;
+    with a delay of 0.1 s the arm never knew whom it met, and pressed the hand with 116 N."""
+    met = meet(name, seed, cap=10.0, stiffness=1.5e3, speed=speed, delay=delay, lasts=1.2)
+    assert met is not None
+    assert met.felt
+    assert met.kept >= 0.9
+    assert 10.0 < met.peak <= 25.0
+    assert met.state == "RUN"
+
+
 def test_the_first_peak_that_is_told_is_hardly_ever_too_low() -> None:
     """At small size; `make reliability ROWS=gentles` has the bar, 3 of 4 within 25 %. These are the trials
     241 to 248 that skin felt."""

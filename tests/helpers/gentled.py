@@ -24,6 +24,8 @@ from tci.skin.skin import Skin
 RADIUS = 0.03
 HERE = 2.5
 """Time [s] for which the partner stays."""
+COMES = 1.0
+"""Time [s] in which a partner who moves comes; it goes away in the same time."""
 MOST = 40.0
 """Longest trial [s]. At the 0.05 m/s that `Gentle` goes by itself, joints that turn by 1.2 rad together at an
 arm's length of 0.6 m need 15 s, and it gives way on its way."""
@@ -61,7 +63,8 @@ class Outcome:
     step: float
     """Force [N] of one step of the encoders: the partner's stiffness times the way of the contact."""
     kept: float
-    """Share of the time with contact, while the partner was there."""
+    """Share of the time with contact: while a partner who stands was there, or one who moves came for the
+    first time. Who goes away faster than an arm may come back is lost."""
     left: float
     """Angle [deg] to the goal at the end, after the partner has left."""
     arrives: float
@@ -84,12 +87,12 @@ class Outcome:
 
 def meet(
     name: str, seed: int, *, cap: float, stiffness: float, speed: float = 0.0, lasts: float = np.inf,
-    free: bool = False,
+    free: bool = False, delay: float = 0.05,
 ) -> Outcome | None:  # fmt: skip
     """An arm meets a partner on a spring, who stands or moves towards it and back with up to `speed` [m/s]:
     on a way that nobody changes or, if `free`, as a hand that a person's arm moves.
-    The trial ends `lasts` [s] after the first contact at the latest. None if no skin of the arm goes ahead on
-    its way, or nobody is met."""
+    The arm thinks that its answer takes `delay` [s]. The trial ends `lasts` [s] after the first contact at
+    the latest. None if no skin of the arm goes ahead on its way, or nobody is met."""
     random, robot = np.random.default_rng(seed), tci.load_robot(name)
     part = str(random.choice([one.name for one in robot.parts if one.kind == "arm"]))
     start = np.deg2rad(random.uniform([10, 10, -10, 40, 0], [40, 35, 10, 80, 1]))
@@ -146,7 +149,7 @@ def meet(
         return float(np.degrees(np.abs(joints.to_generic(plant.position) - goal)[joints.ids].max()))
 
     result = run(
-        RigidDriver(plant), tci.Gentle(Go(part, goal), cap=cap), duration=MOST, observe=see,
+        RigidDriver(plant), tci.Gentle(Go(part, goal), cap=cap, delay=delay), duration=MOST, observe=see,
         until=lambda memory: felt.first is not None and (
             plant.time > felt.first + lasts
             or (plant.time > felt.first + HERE + 0.5 and left() < ARRIVED)
@@ -161,7 +164,7 @@ def meet(
     return Outcome(
         patch.name, felt.peak, float(smooth[there & (times >= felt.first + 1.0)].max(initial=0.0)),
         float(np.percentile(forces[there], 95)), stiffness * lengths * plant._count,
-        float((forces[there] > 0.1).mean()), left(),
+        float((forces[there & (times <= felt.first + (COMES if speed else HERE))] > 0.1).mean()), left(),
         plant.time - felt.first - HERE if left() < ARRIVED else np.inf,
         sum(skin_felt) > 0.5 * min(HERE, lasts) * rate * 0.5, result.state.name,
         (times[there] - felt.first, forces[there]),

@@ -16,12 +16,13 @@ BODY = 10e3
 """Stiffness [N/m] of the softest part of a person who stands, the abdomen."""
 HAND = 2e3
 """Stiffness [N/m] of a hand that comes, before more is known of it: that of a firm pad. If it is stiffer, the
-arm goes away too far, and feels that."""
+arm goes away too far, and feels that. How fast it comes is never told from a softer one: a hand that follows
+seems soft, and an arm that left it too fast lost it, to meet it again."""
 STOPS = 0.7
 """Fraction of the rise of force in one delay that is left in the next one while an arm comes to rest.
 Assumed: a stopping arm has less, a hand that comes has all of it."""
-WINDOW = 0.2
-"""Time [s] from whose frames the stiffness is learnt."""
+WINDOW = 4.0
+"""Number of delays from whose frames the stiffness is learnt. In two of them the arm comes to rest."""
 LEAST_WAY = 1.5e-4
 """Way [m] below which a rise of force says nothing of stiffness: encoders are no finer."""
 LEARNT = 2.0
@@ -106,7 +107,7 @@ def meet(
         known = min(met.stiffness, HAND) if met.comes else met.stiffness
         met = replace(met, stiffness=known if known <= HAND else 0.0)
         frames = ((now - 0.01, 0.0, way - max(rate, 1e-3) * 0.01, told_way),)
-    frames = (*(one for one in frames if now - one[0] <= WINDOW), (now, total, way, told_way))
+    frames = (*(one for one in frames if now - one[0] <= WINDOW * delay), (now, total, way, told_way))
     over = min(met.over, now) if total > cap else np.inf
     table = np.array(frames)
     stiffness = met.stiffness
@@ -126,7 +127,7 @@ def meet(
         stiffness = min(stiffness or HAND, HAND)
     stiffness = float(np.clip(stiffness, SOFT, STIFF)) if stiffness else 0.0
     recent = table[now - table[:, 0] <= HASTE]
-    coming = _coming(recent, stiffness or STIFF)
+    coming = _coming(recent, max(stiffness, HAND) if stiffness else STIFF)
     return Partner(stiffness, now, over, frame, way, coming, comes or met.comes, told_way, frames)
 
 

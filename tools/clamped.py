@@ -11,7 +11,8 @@ from scipy.signal import medfilt
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 
 import tci
-from helpers.squeezed import Outcome, draw, squeeze
+from helpers.squeezed import Outcome, squeeze
+from helpers.squeezes import draw
 from tci.gate import ContactSettings, GateSettings
 
 TRIAL = "icub", 1

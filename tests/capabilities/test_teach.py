@@ -12,7 +12,8 @@ import pytest
 
 import tci
 from helpers import taught
-from helpers.squeezed import draw, squeeze
+from helpers.squeezed import squeeze
+from helpers.squeezes import draw
 from helpers.taught import ends_with_a_tap, guide, hands_apart
 from tci.capabilities import ArbiterMemory, Companion, Feel, Layer, Motion
 from tci.capabilities.teach.guide import guided

@@ -108,18 +108,24 @@ class Felt:
 
     time: list[float] = field(default_factory=list)
     force: list[float] = field(default_factory=list)
+    first: float | None = None
+    """Time [s] of the first contact of more than 1 N."""
+
+    def add(self, time: float, force: float) -> None:
+        self.time.append(time)
+        self.force.append(force)
+        if self.first is None and force > 1.0:
+            self.first = time
+
+    @property
+    def now(self) -> float:
+        return self.force[-1] if self.force else 0.0
 
     def at(self, time: float) -> float:
         """Force [N] at `time` [s], the mean of 20 ms around it."""
         times, forces = np.array(self.time), np.array(self.force)
         near = np.abs(times - time) <= 0.01
         return float(forces[near].mean()) if near.any() else 0.0
-
-    @property
-    def first(self) -> float | None:
-        """Time [s] of the first contact of more than 1 N."""
-        hits = np.flatnonzero(np.array(self.force) > 1.0)
-        return float(self.time[hits[0]]) if hits.size else None
 
     @property
     def peak(self) -> float:
@@ -262,10 +268,8 @@ class RigidRobot:
             for one, dofs in zip(self.people, self._surfaces, strict=True):
                 spring = one.stiffness * self.data.qpos[dofs[0]]
                 damper = -self.model.dof_damping[dofs[1]] * self.data.qvel[dofs[1]]
-                felt = self.felt[one.name]
-                felt.time.append(self.time)
                 touching = np.linalg.norm(spring - damper) if self.data.ncon else 0.0
-                felt.force.append(float(touching))
+                self.felt[one.name].add(self.time, float(touching))
             self._sense()
 
     # ---------------------------------------------------------------- servos
@@ -463,14 +467,17 @@ class RigidRobot:
             np.clip(values, sensor.lowest, sensor.highest, out=values)
         return SkinFrame(patch.name, self.time, sequence, read_only(values))
 
-    def _pressed(self, number: int) -> Array | None:
-        """Force (taxels,) [N] on each taxel, or None if nothing touches."""
+    def _pressed(self, number: int, by: str | None = None) -> Array | None:
+        """Force (taxels,) [N] on each taxel, of one person if so asked; None if nothing touches."""
         data, surface, body = self.data, self._surface[number], self._link[number]
         forces, wrench = None, np.zeros(6)
+        only = None if by is None else self.model.geom(by).id
         for index in range(data.ncon):
             contact = data.contact[index]
             bodies = self.model.geom_bodyid[list(contact.geom)]
             if self.model.body_weldid[body] not in self.model.body_weldid[bodies]:
+                continue
+            if only is not None and only not in contact.geom:
                 continue
             mujoco.mj_contactForce(self.model, data, index, wrench)
             point = data.xmat[body].reshape(3, 3).T @ (contact.pos - data.xpos[body])
@@ -482,9 +489,9 @@ class RigidRobot:
             forces += wrench[0] * weights / weights.sum()
         return forces
 
-    def on_skin(self) -> bool:
-        """True if a taxel is pressed now."""
-        return any(self._pressed(number) is not None for number in range(len(self._patches)))
+    def on_skin(self, by: str | None = None) -> bool:
+        """True if a taxel is pressed now, by one person if so asked."""
+        return any(self._pressed(number, by) is not None for number in range(len(self._patches)))
 
 
 class RigidDriver(Driver):

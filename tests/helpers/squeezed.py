@@ -2,39 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import mujoco
 import numpy as np
 
-from helpers.rigid_robot import Dirt, Person, RigidDriver, RigidRobot
+from helpers.rigid_robot import Dirt, Felt, Person, RigidDriver, RigidRobot
 from helpers.taught import RADIUS as FINGER
 from helpers.taught import GuidedRobot, Tap, place_on
 from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.play_gesture import PlayGesture
 from tci.capabilities.teach.capability import Teach
+from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.gestures.gesture import Fitted, Gesture
 from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode
 from tci.messages.frames import Array
+from tci.reasons import Code
 from tci.robot.description import Robot
 from tci.runtime.loop import run
 
-By = Literal["order", "gesture", "lesson"]
-"""Who moves the arm; a lesson is played after a tap on the other arm."""
-Path = list[dict[str, tuple[Array, Array]]]
-"""Poses of links (3,) [m], (3, 3) every period."""
-DOWN = -0.7
-"""Vertical part of the direction in which a link goes that presses somebody below it."""
+By = Literal["order", "gesture", "lesson", "reflex"]
+"""Who moves the arm: a lesson is played after a tap on the other arm, a reflex answers one on its own."""
 STARTS = 1.0
 """Time [s] until a lesson is played: a tap, and the end of its series."""
-LASTS = 3.4
-"""Length of a trial [s]: the longest way to the person and 2 s of contact."""
-RADIUS = Person.radius
-"""Of somebody [m]."""
-TRIES = 400
-"""So many ways are drawn of which one may end with somebody between the arm and the robot's trunk."""
+LASTS, AFTER = 3.4, 2.02
+"""Least length [s] of a trial, and of the contact with each person in it: 2 s after its start is judged."""
+POKED = (2e-3, 8e-3)
+"""Depth [m] of a tap that an arm withdraws from: 3 to 12 N."""
 
 
 @dataclass(frozen=True)
@@ -59,10 +55,14 @@ class Squeeze:
     """Of readings and commands [Hz]."""
     seed: int
     by: By = "order"
+    stops: float | None = None
+    """Time [s] after the first contact at which the gate is stopped for another cause."""
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Pressed:
+    """What one person bore."""
+
     first: float | None
     """Time of the first contact [s]."""
     peak: float
@@ -72,14 +72,29 @@ class Outcome:
     """Force [N] 2 s after."""
     over: float
     """Time above 65 N [s]."""
+    felt: bool
+    """They were on skin."""
+
+
+@dataclass(frozen=True)
+class Outcome(Pressed):
     state: str
     said: tuple[str, ...]
-    felt: bool
-    """Skin felt it."""
-    other: tuple[float, float, float]
-    """Peak, and forces [N] 0.5 s and 2 s after its own first contact, on whoever stands behind."""
+    other: Pressed
+    """Whoever stands behind."""
     force: tuple[Array, Array]
     """Times [s] and forces [N] on the first person."""
+
+
+class Cut(RigidDriver):
+    """Its link is cut after the first order of an answer to somebody."""
+
+    cut = False
+
+    def _send(self, safe: Any) -> None:
+        if not self.cut:
+            super()._send(safe)
+        self.cut |= any(reason.code is Code.CONTACT for reason in safe.clamped)
 
 
 class Reach(Capability[bool]):
@@ -103,143 +118,18 @@ class Reach(Capability[bool]):
         return (() if memory else (GenericCommand(one.part, one.mode, one.goal),)), True
 
 
-def draw(
-    robot: Robot,
-    seed: int,
-    *,
-    mode: Mode = Mode.POSITION,
-    part: str = "",
-    by: By = "order",
-    below: bool = False,
-) -> Squeeze:
-    """Draws a trial in which the person is clear of the robot at first, and met on the way; `below` the arm,
-    which comes down, if so asked."""
-    random = np.random.default_rng(seed)
-    while (one := _try(robot, seed, random, mode, part, by, below)) is None:
-        pass
-    return one
-
-
-def draw_between(robot: Robot, seed: int, *, mode: Mode = Mode.POSITION, by: By = "order") -> Squeeze | None:
-    """Draws a trial in which the arm presses somebody against the robot itself: its trunk, its head or a leg.
-    None if `TRIES` ways leave too much room there, as a G1's arms often do."""
-    random = np.random.default_rng(seed)
-    part = str(random.choice([one.name for one in robot.parts if one.kind == "arm"]))
-    free = _free(robot, seed, random, mode, part, by)
-    plant = _plant(robot, free, None)
-    arm = links_of(robot, plant, part)
-    trunk = [name for name in links_of(robot, plant, part, 0) if name not in links_of(robot, plant, part, 1)]
-    points = {name: _few(vertices_of(plant, name)) for name in (*arm, *trunk)}
-
-    def there(angles: Array, names: list[str]) -> Array:
-        plant.pose(_angles(robot, part, angles))
-        return np.concatenate([_world(plant.link_pose(name), points[name]) for name in names])
-
-    for _ in range(TRIES):
-        start, goal = (_posture(robot, part, random) for _ in range(2))
-        begins, ends, own = there(start, arm), there(goal, arm), there(goal, trunk)
-        apart = np.linalg.norm(ends[:, None] - own, axis=2)
-        strikes, against = np.unravel_index(np.argmin(apart), apart.shape)
-        to = begins[strikes] - own[against]
-        at = own[against] + (RADIUS + 2e-3) * to / np.linalg.norm(to)
-        one = replace(free, start=start, goal=goal, at=at, **_struck(plant, arm, points, int(strikes)))
-        narrow = np.linalg.norm(ends - at, axis=1).min() < RADIUS - 5e-3
-        clear = min(np.linalg.norm(begins - at, axis=1).min() - 0.02, np.linalg.norm(own - at, axis=1).min())
-        if narrow and clear > RADIUS and not _touches(robot, one):
-            return one
-    return None
-
-
-def _struck(plant: RigidRobot, arm: list[str], points: dict[str, Array], number: int) -> dict[str, Any]:
-    """Link and place on it of one of the arm's `points`, by its number among all."""
-    for link in arm:
-        if number < len(points[link]):
-            return {"link": link, "point": points[link][number]}
-        number -= len(points[link])
-    raise IndexError(number)
-
-
-def _few(vertices: Array) -> Array:
-    return vertices[:: max(1, len(vertices) // 150)]
-
-
-def _world(pose: tuple[Array, Array], points: Array) -> Array:
-    position, rotation = pose
-    moved: Array = position + points @ rotation.T
-    return moved
-
-
-def _free(robot: Robot, seed: int, random: np.random.Generator, mode: Mode, part: str, by: By) -> Squeeze:
-    """A trial with nobody in it yet."""
-    start, goal = (_posture(robot, part, random) for _ in range(2))
-    stiffness = 75e3 if random.random() < 1 / 3 else float(np.exp(random.uniform(np.log(8e3), np.log(75e3))))
-    share = 1.0 if random.random() < 0.5 else float(random.uniform(0.2, 1.0))
-    rate = float(random.choice([100.0, 500.0]))
-    return Squeeze(part, start, goal, mode, share, stiffness, "", np.zeros(3), np.zeros(3), rate, seed, by)
-
-
-def _capability(one: Squeeze) -> Capability[Any]:
+def moved_by(one: Squeeze) -> Capability[Any]:
+    """What moves the arm."""
     if one.by == "order":
         return Reach(one)
+    if one.by == "reflex":
+        full = WithdrawalReflex(mode=one.mode, people=())
+        return full if one.share == 1.0 else WithdrawalReflex(mode=one.mode)
     way = float(np.abs(one.goal - one.start).max())
     gesture = Gesture(np.array([0.0, way / (3.0 * one.share)]), {one.part: np.array([one.start, one.goal])})
     if one.by == "lesson":
         return Teach(gesture=gesture)
     return PlayGesture(Fitted(gesture, gesture, 1.0, {}, ()))
-
-
-def _try(
-    robot: Robot, seed: int, random: np.random.Generator, mode: Mode, part: str, by: By, below: bool
-) -> Squeeze | None:
-    arms = [one.name for one in robot.parts if one.kind == "arm"]
-    part = part or str(random.choice(arms))
-    free = _free(robot, seed, random, mode, part, by)
-    plant, path = _path(robot, free)
-    links = links_of(robot, plant, part)
-    link = str(random.choice(links))
-    index = int(random.uniform(0.25, 0.75) * len(path))
-    if below:
-        spots = [(name, k) for name in links for k in range(len(path) // 4, 3 * len(path) // 4, 12)]
-        falls = [spot for spot in spots if _ahead(plant, path, *spot, free.rate)[2] < DOWN]
-        if not falls:
-            return None
-        link, index = falls[int(random.integers(len(falls)))]
-    vertices = vertices_of(plant, link)
-    here, rotation = path[index][link]
-    ahead = _ahead(plant, path, link, index, free.rate)
-    if not ahead.any():
-        return None
-    # the foremost vertices strike first
-    world = here + vertices @ rotation.T
-    front = world @ ahead
-    k = int(random.choice(np.flatnonzero(front >= np.quantile(front, 0.9))))
-    at = world[k] + 0.03 * ahead
-    one = replace(free, link=link, point=vertices[k], at=at)
-    for pose in path[: max(2, index // 4) : 2]:
-        for name in links:
-            p, r = pose[name]
-            if np.linalg.norm(p + vertices_of(plant, name) @ r.T - at, axis=1).min() < 0.031:
-                return None
-    return None if _touches(robot, one) else one
-
-
-def _ahead(plant: RigidRobot, path: Path, link: str, index: int, rate: float) -> Array:
-    """Direction (3,) in which a link goes; zeros if it hardly does."""
-    vertices = vertices_of(plant, link)
-    here, rotation = path[index][link]
-    after, turned = path[min(index + max(1, round(0.008 * rate)), len(path) - 1)][link]
-    moved = (after + vertices @ turned.T) - (here + vertices @ rotation.T)
-    ahead: Array = moved.mean(axis=0)
-    far = float(np.linalg.norm(ahead))
-    return np.zeros(3) if far < 2e-3 else ahead / far
-
-
-def _touches(robot: Robot, one: Squeeze) -> bool:
-    """True if the person would stand inside the robot at the start: convex hulls stick out of meshes."""
-    plant = _plant(robot, one, None)
-    plant.place("person", one.at)
-    plant.advance(0.01)
-    return plant.felt["person"].first is not None
 
 
 def squeeze(
@@ -249,30 +139,48 @@ def squeeze(
     settings: Any = None,
     dirt: Dirt | None = None,
     behind: float | None = None,
+    cut: bool = False,
 ) -> Outcome:
-    """Runs a trial. A second person, as stiff, steps `behind` [m] behind the link when the first is met."""
-    plant = _plant(robot, one, dirt)
+    """Runs a trial. A second person, as stiff, steps `behind` [m] behind the link when the first is met; or
+    the link to the robot is `cut` when the gate answers."""
+    plant = plant_of(robot, one, dirt)
     plant.place("person", one.at)
-    driver = RigidDriver(plant, settings=settings)
-    felt, there = [False], [False]
+    driver = (Cut if cut else RigidDriver)(plant, settings=settings)
+    person, second = (plant.felt[name] for name in ("person", "second"))
+    skin = {"person": False, "second": False}
+    there = False
 
     def see(tick: Any) -> None:
-        felt[0] |= bool(len(tick.perception.contacts))
-        if behind is not None and not there[0] and plant.felt["person"].first is not None:
-            there[0] = True
+        nonlocal there
+        for name in skin:
+            skin[name] = skin[name] or (plant.felt[name].now > 1.0 and plant.on_skin(name))
+        if person.first is None:
+            return
+        if behind is not None and not there:
+            there = True
             plant.place("second", _behind(robot, plant, one, behind))
+        if one.stops is not None and plant.time >= person.first + one.stops:
+            driver.gate.stop("another cause")
 
-    lasts = LASTS + (STARTS if one.by == "lesson" else 0.0)
-    result = run(driver, _capability(one), duration=lasts, observe=see)
-    force = plant.felt["person"]
-    first = force.first
+    least = LASTS + (STARTS if one.by == "lesson" else 0.0)
+
+    def over(_: Any) -> bool:
+        last = max(felt.first or 0.0 for felt in (person, second))
+        return plant.time >= max(least, last + AFTER)
+
+    result = run(driver, moved_by(one), duration=2.0 * least, observe=see, until=over)
     said = [str(notice) for notice in (*result.refusals, *result.clamps, *result.holds, *result.went_back)]
     said += [str(result.reason)] if result.reason else []
     return Outcome(
-        first, force.peak, 0.0 if first is None else force.at(first + 0.5),
-        0.0 if first is None else force.at(first + 2.0), force.above(65.0), result.state.name,
-        tuple(said), felt[0], _on_second(plant), (np.array(force.time), np.array(force.force)),
+        **vars(_pressed(person, skin["person"])), state=result.state.name, said=tuple(said),
+        other=_pressed(second, skin["second"]), force=(np.array(person.time), np.array(person.force)),
     )  # fmt: skip
+
+
+def _pressed(force: Felt, felt: bool) -> Pressed:
+    first = force.first
+    half, late = (0.0 if first is None else force.at(first + after) for after in (0.5, 2.0))
+    return Pressed(first, force.peak, half, late, force.above(65.0), felt)
 
 
 def _behind(robot: Robot, plant: RigidRobot, one: Squeeze, room: float) -> Array:
@@ -291,30 +199,7 @@ def _behind(robot: Robot, plant: RigidRobot, one: Squeeze, room: float) -> Array
     return place
 
 
-def _on_second(plant: RigidRobot) -> tuple[float, float, float]:
-    force = plant.felt["second"]
-    first = force.first
-    return (
-        (force.peak, 0.0, 0.0)
-        if first is None
-        else (force.peak, force.at(first + 0.5), force.at(first + 2.0))
-    )
-
-
-def _posture(robot: Robot, part: str, random: np.random.Generator) -> Array:
-    found = robot.part(part)
-    low, high = [], []
-    for joint, middle in zip(found.servos, found.initial_posture, strict=True):
-        limits = None if joint.servo is None else robot.servos[joint.servo].limits
-        if limits is None or limits.lower is None or limits.upper is None:
-            low.append(middle), high.append(middle)
-        else:
-            reach = 0.4 * (limits.upper - limits.lower)
-            low.append(middle - reach), high.append(middle + reach)
-    return random.uniform(low, high)
-
-
-def _angles(robot: Robot, part: str, posture: Array) -> Array:
+def angles_of(robot: Robot, part: str, posture: Array) -> Array:
     """Angles (n_servos,) [rad] with a part in a posture (n,) [rad], and all others as they begin."""
     from tci.body.posture import to_platform
     from tci.robot.joint_map import initial_position
@@ -327,32 +212,22 @@ def _angles(robot: Robot, part: str, posture: Array) -> Array:
     return angles
 
 
-def _plant(robot: Robot, one: Squeeze, dirt: Dirt | None) -> RigidRobot:
-    angles = _angles(robot, one.part, one.start)
+def plant_of(robot: Robot, one: Squeeze, dirt: Dirt | None = None) -> RigidRobot:
+    """The plant where a trial starts, its people out of reach."""
+    angles = angles_of(robot, one.part, one.start)
     people = [Person(name, one.stiffness) for name in ("person", "second")]
-    if one.by != "lesson":
+    if one.by in ("order", "gesture"):
         return RigidRobot(robot, people=people, dirt=dirt, seed=one.seed, angles=angles, rate=one.rate)
     plant = GuidedRobot(
         robot, people=[Person("finger", 1500.0, radius=FINGER), *people], dirt=dirt, seed=one.seed,
         angles=angles, rate=one.rate,
     )  # fmt: skip
+    random = np.random.default_rng(one.seed)
     other = next(part.name for part in robot.parts if part.kind == "arm" and part.name != one.part)
-    link, _, p_L, n_L = place_on(plant, other, np.random.default_rng(one.seed))
-    plant.hands = (Tap(plant, "finger", link, p_L, n_L, (0.1,)),)
+    link, _, p_L, n_L = place_on(plant, one.part if one.by == "reflex" else other, random)
+    deep = float(random.uniform(*POKED)) if one.by == "reflex" else Tap.depth
+    plant.hands = (Tap(plant, "finger", link, p_L, n_L, (0.1,), depth=deep),)
     return plant
-
-
-def _path(robot: Robot, one: Squeeze) -> tuple[RigidRobot, Path]:
-    """The plant, and the links' poses every period, with nobody in the way."""
-    plant = _plant(robot, one, None)
-    path: Path = []
-    names = [plant.model.body(k).name for k in plant._own]
-
-    def see(_: Any) -> None:
-        path.append({name: plant.link_pose(name) for name in names})
-
-    run(RigidDriver(plant), _capability(one), duration=1.2, observe=see)
-    return plant, path
 
 
 def links_of(robot: Robot, plant: RigidRobot, part: str, least: int = 2) -> list[str]:

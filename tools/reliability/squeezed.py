@@ -2,68 +2,109 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from pool import gather
 from row import Row
 
 import tci
-from helpers.squeezed import By, draw, draw_between, squeeze
+from helpers.squeezed import By, Pressed, Squeeze, squeeze
+from helpers.squeezes import draw, draw_between, draw_in_elbow
 from tci.gate.settings import GateSettings
 from tci.messages import Mode
+from tci.robot.description import Robot
 
 ROBOTS = ("nao", "icub", "g1", "talos")
 STIFF, LONG, FELT, BARE = 65.0, 0.2, 15.0, 30.0
 """Force [N] that is permitted half a second after the contact, time [s] for which more is, and forces [N]
 that may be left after 2 s on skin and on bare links. ISO/TS 15066's least quasi-static limit is 65 N."""
+PLACES = {"on the way": 0.2, "below": 0.4, "against itself": 0.2, "in the elbow": 0.2}
+"""Where somebody is, by share of the trials in which no reflex moves the arm."""
+SOMETIMES = 0.25
+"""Share of the trials with a second person, with a STOP for another cause, and with a link that is cut."""
 
 
 def squeezed(full: bool) -> Row:
-    """Only trials count in which the person is still squeezed after 2 s when the gate does not answer. In a
-    third of them a second person stands up to 20 mm behind the link, in another third the arm comes down on
-    somebody below it, and most of the rest are between the arm and the robot itself. In position mode every
-    second arm plays a gesture, and half of these a lesson."""
+    """Only trials count in which the person is still squeezed after 2 s when the gate does not answer. What
+    moves the arm, where somebody is, and what else happens is drawn at random. What is left after a cut link
+    is told, not judged: these robots obey set-points of one period."""
     modes = ("position", "velocity", "impedance") if full else ("position",)
     jobs = [(name, mode, seed) for seed in range(300 if full else 3) for name in ROBOTS for mode in modes]
     done = [one for one in gather("squeezed", _one, jobs, full=full) if one["counts"]]
     over = [one for one in done if one["faults"]]
+    cut = [one for one in done if one["cut"]]
     print(*over, sep="\n")
-    shares = {name: [not one["faults"] for one in done if one["robot"] == name] for name in ROBOTS}
-    words = ", ".join(f"{name} {sum(own)} of {len(own)}" for name, own in shares.items())
+    kinds = {kind: _freed(done, lambda one, kind=kind: kind in one["kinds"])
+             for kind in dict.fromkeys(kind for one in done for kind in one["kinds"])}  # fmt: skip
+    shares = {name: _freed(done, lambda one, name=name: one["robot"] == name) for name in ROBOTS}
+    told = "; ".join(", ".join(f"{key} {own}" for key, own in found.items()) for found in (shares, kinds))
+    left = sum(bool(one["cut"]["faults"]) for one in cut)
     return Row(
         "somebody who can't give way before a moving arm, on a plant that shares nothing with the gate",
         len(done),
         300 * len(ROBOTS),
         "trials",
-        f"freed: {words}; largest peak {max((one['peak'] for one in done), default=0.0):.0f} N",
+        f"freed: {told}; largest peak {max((one['peak'] for one in done), default=0.0):.0f} N; "
+        f"when the link is cut after the first order {left} of {len(cut)} stay squeezed (not judged)",
         "after 0.5 s at most 65 N, above 65 N for at most 0.2 s, after 2 s at most 15 N (skin), 30 N (bare)",
         not over,
     )
 
 
+def _freed(done: list[dict[str, Any]], among: Callable[[dict[str, Any]], bool]) -> str:
+    own = [not one["faults"] for one in done if among(one)]
+    return f"{sum(own)} of {len(own)}"
+
+
+def _drawn(robot: Robot, seed: int, mode: Mode, random: np.random.Generator) -> tuple[Squeeze, str]:
+    """A trial, and where somebody is in it."""
+    by = cast(
+        By,
+        random.choice(
+            ["order", "gesture", "lesson", "reflex"] if mode is Mode.POSITION else ["order", "reflex"]
+        ),
+    )
+    place = "on the way" if by == "reflex" else str(random.choice([*PLACES], p=[*PLACES.values()]))
+    # a lesson moves the arm as its gesture does, but later
+    how: dict[str, Any] = {"mode": mode, "by": "gesture" if by == "lesson" else by}
+    trial = None
+    if place in ("against itself", "in the elbow"):
+        trial = (draw_between if place == "against itself" else draw_in_elbow)(robot, seed, **how)
+        place = place if trial else "on the way"
+    trial = replace(trial or draw(robot, seed, **how, below=place == "below"), by=by)
+    if random.random() < SOMETIMES:
+        trial = replace(trial, stops=float(random.uniform(0.1, 0.5)))
+    return trial, place
+
+
 def _one(name: str, mode: str, seed: int) -> dict[str, Any]:
-    robot = tci.load_robot(name)
-    by: By = "gesture" if mode == "position" and seed % 2 else "order"
-    trial = draw_between(robot, seed, mode=Mode(mode), by=by) if seed % 9 in (0, 3) else None
-    trial = trial or draw(robot, seed, mode=Mode(mode), by=by, below=seed % 3 == 1)
-    if by == "gesture" and seed % 4 == 3:
-        trial = replace(trial, by="lesson")
+    robot, random = tci.load_robot(name), np.random.default_rng([seed, ROBOTS.index(name)])
+    trial, place = _drawn(robot, seed, Mode(mode), random)
+    behind = float(random.uniform(0.0, 0.02)) if random.random() < SOMETIMES else None
+    cut = random.random() < SOMETIMES
     before = squeeze(robot, trial, settings=GateSettings(contact=None))
-    most = FELT if before.felt else BARE
-    if before.late <= most:
+    if before.late <= _most(before):
         return {"robot": name, "counts": False}
-    behind = float(np.random.default_rng(seed).uniform(0.0, 0.02)) if seed % 3 == 2 else None
     after = squeeze(robot, trial, behind=behind)
-    faults = [
-        what
-        for what, wrong in (
-            ("0.5 s", max(after.half, after.other[1]) > STIFF),
-            ("long", after.over > LONG),
-            ("2 s", max(after.late, after.other[2]) > (FELT if after.felt else BARE)),
-        )
-        if wrong
-    ]
+    kinds = [trial.by, place]
+    kinds += ["a second person"] if behind is not None else []
+    kinds += ["STOP"] if trial.stops is not None else []
     seen = {key: value for key, value in asdict(after).items() if key != "force"}
-    return {"robot": name, "mode": mode, "seed": seed, "counts": True, "faults": faults, **seen}
+    left = squeeze(robot, trial, cut=True) if cut else None
+    return {
+        "robot": name, "mode": mode, "seed": seed, "counts": True, "kinds": kinds,
+        "faults": sorted({*_faults(after), *_faults(after.other)}), **seen,
+        "cut": None if left is None else {"faults": _faults(left), "half": left.half, "late": left.late},
+    }  # fmt: skip
+
+
+def _most(one: Pressed) -> float:
+    return FELT if one.felt else BARE
+
+
+def _faults(one: Pressed) -> list[str]:
+    bars = {"0.5 s": one.half > STIFF, "long": one.over > LONG, "2 s": one.late > _most(one)}
+    return [what for what, missed in bars.items() if missed]

@@ -76,7 +76,7 @@ def _drawn(robot: Robot, seed: int, mode: Mode, random: np.random.Generator) -> 
         place = place if trial else "on the way"
     trial = replace(trial or draw(robot, seed, **how, below=place == "below"), by=by)
     if random.random() < SOMETIMES:
-        trial = replace(trial, stops=float(random.uniform(0.1, 0.5)))
+        trial = replace(trial, stops=float(random.uniform(0.0, 0.5)))
     return trial, place
 
 

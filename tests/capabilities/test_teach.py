@@ -97,7 +97,6 @@ def test_nobody_stays_squeezed_by_an_arm_that_repeats_a_lesson() -> None:
     21 N for ever. Bars of somebody in the way."""
     robot = tci.load_robot("nao")
     met = squeeze(robot, replace(draw(robot, 1, by="gesture"), by="lesson"))
-    assert met.felt
     assert met.peak > 15.0
     assert met.half <= 65.0
     assert met.over <= 0.2

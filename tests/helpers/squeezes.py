@@ -138,6 +138,8 @@ def _free(robot: Robot, seed: int, random: Random, mode: Mode, part: str, by: By
     stiffness = 75e3 if random.random() < 1 / 3 else float(np.exp(random.uniform(np.log(8e3), np.log(75e3))))
     share = 1.0 if random.random() < 0.5 else float(random.uniform(0.2, 1.0))
     rate = float(random.choice([100.0, 500.0]))
+    if by == "reflex":  # else the same place is tapped again where no arm withdraws
+        seed = int(random.integers(2**31))
     return Squeeze(part, start, goal, mode, share, stiffness, "", np.zeros(3), np.zeros(3), rate, seed, by)
 
 

@@ -1,0 +1,58 @@
+"""People whom an arm squeezes by a withdrawal, in its elbow, or while something else stops the gate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from helpers.squeezed import Outcome, Squeeze, squeeze
+from helpers.squeezes import draw, draw_in_elbow
+from tci.gate.settings import GateSettings
+from tci.robot.catalogue import load_robot
+
+ALONE = GateSettings(contact=None)
+
+
+def freed(name: str, trial: Squeeze | None) -> Outcome:
+    """The trial, after bars of the row `squeezed` were met, and are not met without the gate's answer."""
+    assert trial is not None
+    robot = load_robot(name)
+    before, after = squeeze(robot, trial, settings=ALONE), squeeze(robot, trial)
+    assert before.late > (15.0 if before.felt else 30.0), "this trial shows nothing"
+    assert after.half <= 65.0
+    assert after.over <= 0.2
+    assert after.late <= (15.0 if after.felt else 30.0)
+    return after
+
+
+def test_a_withdrawal_does_not_leave_a_bystander_squeezed() -> None:
+    robot = load_robot("icub")
+    freed("icub", draw(robot, 1, by="reflex"))
+
+
+@pytest.mark.parametrize("name", ["nao", "g1"])
+def test_an_elbow_opens_again(name: str) -> None:
+    trial = draw_in_elbow(load_robot(name), 2)
+    after = freed(name, trial)
+    assert after.felt
+
+
+def test_a_stop_for_another_cause_frees_too() -> None:
+    after = freed("icub", replace(draw(load_robot("icub"), 1), stops=0.01))
+    assert after.state == "STOP"
+    assert after.said[-1] == "another cause"
+
+
+def test_a_stream_that_is_cut_after_the_first_order_presses_on() -> None:
+    """So the judge can see it; it is told on the page."""
+    robot = load_robot("icub")
+    cut = squeeze(robot, draw(robot, 1), cut=True)
+    assert cut.late > 30.0
+
+
+def test_whoever_is_met_late_is_watched_for_two_seconds() -> None:
+    robot = load_robot("icub")
+    met = squeeze(robot, replace(draw(robot, 1), share=1.0, by="lesson"), settings=ALONE)
+    assert met.first is not None
+    assert met.force[0][-1] >= met.first + 2.0

@@ -26,6 +26,8 @@ RADIUS = Person.radius
 """Of somebody [m]."""
 TRIES, PLACES = 400, 2000
 """Ways are drawn of which one may end with somebody between two links, and places for each way."""
+WIDE, NEAR = 0.4, 0.15
+"""Reach of postures. Whoever taps an arm finds it clear of the robot: an order would not get it out of there."""
 ELBOW = JOINTS.index("elbow_pitch")
 
 
@@ -134,7 +136,8 @@ def _world(pose: tuple[Array, Array], points: Array) -> Array:
 def _free(robot: Robot, seed: int, random: Random, mode: Mode, part: str, by: By) -> Squeeze:
     """A trial with nobody in it yet."""
     part = part or str(random.choice([one.name for one in robot.parts if one.kind == "arm"]))
-    start, goal = (_posture(robot, part, random) for _ in range(2))
+    reach = NEAR if by == "reflex" else WIDE
+    start, goal = (_posture(robot, part, random, reach) for _ in range(2))
     stiffness = 75e3 if random.random() < 1 / 3 else float(np.exp(random.uniform(np.log(8e3), np.log(75e3))))
     share = 1.0 if random.random() < 0.5 else float(random.uniform(0.2, 1.0))
     rate = float(random.choice([100.0, 500.0]))
@@ -197,7 +200,8 @@ def _touches(robot: Robot, one: Squeeze) -> bool:
     return plant.felt["person"].first is not None
 
 
-def _posture(robot: Robot, part: str, random: Random) -> Array:
+def _posture(robot: Robot, part: str, random: Random, reach: float = WIDE) -> Array:
+    """Angles (n,) [rad] that are at most a share of each joint's range away from the first ones."""
     found = robot.part(part)
     low, high = [], []
     for joint, middle in zip(found.servos, found.initial_posture, strict=True):
@@ -205,8 +209,8 @@ def _posture(robot: Robot, part: str, random: Random) -> Array:
         if limits is None or limits.lower is None or limits.upper is None:
             low.append(middle), high.append(middle)
         else:
-            reach = 0.4 * (limits.upper - limits.lower)
-            low.append(middle - reach), high.append(middle + reach)
+            way = reach * (limits.upper - limits.lower)
+            low.append(middle - way), high.append(middle + way)
     return random.uniform(low, high)
 
 

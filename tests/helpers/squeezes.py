@@ -27,7 +27,7 @@ RADIUS = Person.radius
 TRIES, PLACES = 400, 2000
 """Ways are drawn of which one may end with somebody between two links, and places for each way."""
 WIDE, NEAR = 0.4, 0.15
-"""Reach of postures. Whoever taps an arm finds it clear of the robot: an order would not get it out of there."""
+"""Reach of postures: an arm that is tapped starts clear of the robot, from which no reflex frees it."""
 ELBOW = JOINTS.index("elbow_pitch")
 
 

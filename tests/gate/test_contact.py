@@ -697,8 +697,8 @@ def test_an_arm_that_went_back_into_somebody_by_less_than_it_notices_eases() -> 
     the opposite sign of what its joints bore when they met the first."""
     robot = load_robot("talos")
     after = squeeze(robot, draw(robot, 11, by="gesture"), settings=ANSWERS, behind=0.00257)
-    assert after.other[0] > 100.0, "it met the second"
-    assert max(after.late, after.other[2]) <= 30.0
+    assert after.other.peak > 100.0, "it met the second"
+    assert max(after.late, after.other.late) <= 30.0
 
 
 @pytest.mark.parametrize(

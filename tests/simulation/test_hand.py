@@ -11,6 +11,7 @@ from tci.errors import CommandError, TciError, UnknownNameError
 from tci.simulation import HandPath, PersonModel
 from tci.simulation.hand import Hand
 from tci.simulation.world import World
+from tci.skin.fill_factor import fill_factors
 
 
 @pytest.fixture(scope="module")
@@ -97,6 +98,28 @@ def test_a_grip_is_felt_by_the_pad_on_skin_though_the_other_presses_a_bare_side(
         assert world.contact_truth("right_forearm").force == pytest.approx(0.5 * hand.force, rel=0.1), taxel
         done += 1
     assert done >= 3
+
+
+def test_a_palm_at_the_edge_of_a_skin_presses_no_taxel_with_what_lies_beside_it() -> None:
+    world = World("icub", skin=["right_forearm"], people=1)
+    skin, hand, wide, done = world.surfaces["right_forearm"], world.person().left, 0.01, 0
+    at_edges = np.argsort(fill_factors(skin)[:, -1])[:60]
+    for taxel in np.random.default_rng(1).permutation(at_edges)[:8].tolist():
+        world.reset()
+        path = HandPath(
+            link=skin.link, times=[0.0, 1.0], points=skin.positions[taxel], normals=skin.normals[taxel],
+            forces=[8.0, 8.0], pads=("palm",), spread=wide,
+        )  # fmt: skip
+        try:
+            hand.touch(path)
+        except TciError:
+            continue
+        world.advance(0.8)
+        felt = world.taxels.vectors("right_forearm")[:, 2]
+        assert 0.3 * hand.force < felt.sum() < 0.9 * hand.force
+        assert (felt / skin.areas).max() < 1.6 * hand.force / (2.0 * np.pi * wide**2)
+        done += 1
+    assert done >= 4
 
 
 def test_the_peaks_of_blows_are_those_asked_for(nao: World) -> None:

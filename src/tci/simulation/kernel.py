@@ -29,14 +29,14 @@ for kernels up to 10 mm wide, this is less than a micrometre."""
 _LEAST = -60.0
 """Least logarithm of the weight with which a taxel takes part in a contact force; a smaller logarithm is
 raised to this value. The largest weight is 1, so exp(-60) is negligible."""
-SHARE, _TRIAL, _LOGARITHM, _ACROSS, _UP, _NUMBERS = range(6)
+SHARE, _TRIAL, LOGARITHM, ACROSS, UP, _NUMBERS = range(6)
 """Rows of the work space `work`, in which the shares of n taxels in a contact force are computed. It has at
 least 6 rows; the number of columns is at least n and at least 8.
 
 - `SHARE`, `_TRIAL`: the share of each taxel (its fraction of the force), and weights that the iteration
   tries.
-- `_LOGARITHM`: logarithms of the Gaussian weights with which the iteration starts.
-- `_ACROSS`, `_UP`: offsets [kernel widths] of the taxels from the point of the force, in two directions along
+- `LOGARITHM`: logarithms of the Gaussian weights with which the iteration starts.
+- `ACROSS`, `UP`: offsets [kernel widths] of the taxels from the point of the force, in two directions along
   the skin.
 - `_NUMBERS`: six sums over the taxels, which the iteration needs."""
 ROWS = 6
@@ -94,7 +94,7 @@ def _weigh(u: float, v: float, count: int, work: Array, row: int) -> float:
     (a, b) [kernel widths] are in `work`. Also writes six sums over the taxels into `work`: of w, w a, w b, w
     a^2, w a b and w b^2, for weights w. Returns the value that the best u and v minimise.
     """
-    weights, logarithms, across, up = work[row], work[_LOGARITHM], work[_ACROSS], work[_UP]
+    weights, logarithms, across, up = work[row], work[LOGARITHM], work[ACROSS], work[UP]
     top = 0.0
     if u != 0.0 or v != 0.0:
         top = -np.inf
@@ -124,7 +124,7 @@ def _weigh(u: float, v: float, count: int, work: Array, row: int) -> float:
 def _centre(count: int, work: Array) -> None:
     """Computes the shares of `count` taxels in a contact force, and writes them into the row `SHARE` of
     `work`. The mean position of the taxels, weighted by the shares, is then near the point of the force. The
-    rows `_LOGARITHM`, `_ACROSS` and `_UP` of `work` must be filled before.
+    rows `LOGARITHM`, `ACROSS` and `UP` of `work` must be filled before.
     """
     tilt_u = tilt_v = 0.0
     row, other = SHARE, _TRIAL
@@ -177,8 +177,8 @@ def share_into(positions: Array, near: Array, point: Array, normal: Array, sigma
     for k in range(len(near)):
         i = near[k]
         x, y, z = positions[i, 0] - px, positions[i, 1] - py, positions[i, 2] - pz
-        work[_ACROSS, k] = x * a + y * b + z * c
-        work[_UP, k] = x * d + y * e + z * f
+        work[ACROSS, k] = x * a + y * b + z * c
+        work[UP, k] = x * d + y * e + z * f
     _centre(len(near), work)
 
 
@@ -205,7 +205,7 @@ def within(
     limit, count = (nearest + reach) ** 2, 0
     for k in range(len(among)):
         near[count] = among[k]
-        work[_LOGARITHM, count] = -0.5 * (squares[k] - least)
+        work[LOGARITHM, count] = -0.5 * (squares[k] - least)
         count += squares[k] <= limit
     return count, nearest
 

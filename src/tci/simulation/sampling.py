@@ -11,8 +11,7 @@ from tci.messages.frames import Array
 from tci.simulation.hand_control import FLAT, SENSOR, WIDTH
 from tci.simulation.hand_control import NUMBERS as HAND_NUMBERS
 from tci.simulation.hand_control import SLOTS as HAND_SLOTS
-from tci.simulation.kernel import REACH, ROWS, SHARE, share_into, within
-from tci.skin.fill_factor import WIDTHS
+from tci.simulation.kernel import ACROSS, LOGARITHM, REACH, ROWS, SHARE, UP, share_into, within
 from tci.support.compiled import compiled, inlined, reads, returns, writes
 
 SLOTS = 16
@@ -28,8 +27,6 @@ WIDE = 0.02
 """If a contact force is distributed over a width [m] above this value, its distribution on the taxels is
 computed a second time, which corrects an error of the first result. Assumed: this is far above the width of a
 taxel."""
-NARROWEST = float(WIDTHS[0])
-"""Least width [m] for which a taxel has a fill factor; the next ones are 2, 4 and 8 times as wide."""
 SIDE = 0.2
 """Least cosine of the angle between a contact's outward normal and the mean normal of the taxels near the
 contact; the taxels measure no contact with a smaller cosine. Such a contact is on an end of a limb's skin, or
@@ -62,10 +59,10 @@ PATCH = np.dtype([
 - `width`, `size`: widths [m] over which a contact force and a force of the floor are distributed on the
   taxels. `size` is half of the patch's longest side.
 - `outward`: direction of the patch's mean outward normal."""
-X, Y, AREA, FILL = 0, 3, 6, 7
-"""First columns of the data in the table of taxels (11 columns): two tangents x and y of the skin at the
-taxel with 3 numbers each, the area [m2] on which a force at a point acts, and the fill factors for the widths
-`fill_factor.WIDTHS`, as multiples of that of a force at a point."""
+X, Y, AREA, DENSE = 0, 3, 6, 7
+"""First columns of the data in the table of taxels (8 columns): two tangents x and y of the skin at the
+taxel with 3 numbers each, the area [m2] on which a force at a point acts, and 1 for a taxel of a dense skin
+(`fill_factor.is_surface`)."""
 PRESSING, MARK = 2, 3
 """Two of the four rows of the table `load`, which has one column for each taxel. The rows are: force [N] on
 the taxel along its tangents x and y and along its normal (`PRESSING`), and 1 for an active taxel or 0 for
@@ -92,7 +89,7 @@ elements, in this order:
 
 - MuJoCo's sensors, and positions and orientations of links.
 - Patches (`PATCH`).
-- Positions [m] of taxels, their tangents, areas and fill factors (see `X`), and their channels.
+- Positions [m] of taxels, their tangents, areas and kinds (see `X`), and their channels.
 - Points of response curves, forces on taxels (see `PRESSING`), lists of taxels (see `ALL`), and spheres
   around contacts (see `CENTRE`).
 - Work space (see `kernel.SHARE`), and values [counts] of the channels.
@@ -158,7 +155,7 @@ def _feels(normal: Array, count: int, taxels: Array, lists: Array, work: Array) 
     their mean normal. The least cosine of the angle between both is `SIDE`.
 
     The row `NEAR` of `lists` contains these `count` taxels, and the row `SHARE` of `work` their weights in
-    the mean. `taxels` (n, 11) contains the tangents of all taxels of the patch (see `X`)."""
+    the mean. `taxels` (n, 8) contains the tangents of all taxels of the patch (see `X`)."""
     cosine = 0.0
     for j in range(count):
         row = taxels[lists[NEAR, j]]
@@ -198,15 +195,18 @@ def _add(
 
 
 @inlined
-def _lose(sigma: float, count: int, taxels: Array, lists: Array, work: Array) -> None:
-    """Takes off the shares of the `count` taxels near a contact what the gaps around them carry of a force
-    that is `sigma` [m] wide."""
-    column = min(max(math.log2(sigma / NARROWEST), 0.0), 3.0)
-    low = min(int(column), 2)
-    part = column - low
+def _lay(sigma: float, count: int, taxels: Array, lists: Array, work: Array) -> None:
+    """Gives each of the `count` taxels near a pad, `sigma` [m] wide, the part of a Gaussian that lies on
+    it; what lies on gaps and beside the skin is lost. The taxels of a sheet keep their shares: what meets it
+    is borne by all of them."""
+    nearest = 0
+    for j in range(count):
+        nearest = j if work[LOGARITHM, j] > work[LOGARITHM, nearest] else nearest
+    top = -0.5 * (work[ACROSS, nearest] ** 2 + work[UP, nearest] ** 2)
     for j in range(count):
         row = taxels[lists[NEAR, j]]
-        work[SHARE, j] *= (1.0 - part) * row[FILL + low] + part * row[FILL + low + 1]
+        if row[DENSE] > 0.0:
+            work[SHARE, j] = row[AREA] * math.exp(top + work[LOGARITHM, j]) / (2.0 * math.pi * sigma * sigma)
 
 
 @inlined
@@ -290,7 +290,7 @@ def press(patch: int, skin: Arrays) -> tuple[int, int]:
         if number >= 0 and not _feels(way, near, own, mine, work):
             continue
         if number >= 0 and sigma != one.width:
-            _lose(sigma, near, own, mine, work)
+            _lay(sigma, near, own, mine, work)
         active = _add((pressing, x, y, z), near, one.axes, own, mine, active, load, work)
     return max(found, 1), active
 

@@ -17,7 +17,7 @@ from tci.simulation.imperfection import Imperfection, ImperfectTaxels
 from tci.simulation.kernel import ROWS, width
 from tci.simulation.physics import Physics, exclusive
 from tci.simulation.touch import floor_sensor, skin_geom
-from tci.skin.fill_factor import WIDTHS, fill_factors
+from tci.skin.fill_factor import WIDTHS, fill_factors, is_surface
 from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface, tangents
 
@@ -54,7 +54,7 @@ class Taxels:
         self._rows = np.zeros(len(patches), at.PATCH)
         positions, taxels, channels, nodes = (
             [np.zeros((0, 3))],
-            [np.zeros((0, 7 + len(WIDTHS)))],
+            [np.zeros((0, 8))],
             [],
             [np.zeros((2, 0))],
         )
@@ -85,7 +85,8 @@ class Taxels:
             one["width"] = half if patch.rigid else width(surface.areas)
             one["outward"] = outward / max(float(np.linalg.norm(outward)), 1e-9)
             positions.append(surface.positions)
-            taxels.append(np.column_stack([x, np.cross(surface.normals, x), *_spread(surface)]))
+            kinds = _spread(surface), is_surface(surface)
+            taxels.append(np.column_stack([x, np.cross(surface.normals, x), *kinds]))
             channels += surface.channels.tolist()
             nodes.append(np.array(sensor.response).reshape(-1, 2).T)
         count = sum(map(len, positions))
@@ -210,16 +211,14 @@ class Taxels:
 
 
 @lru_cache(maxsize=64)
-def _spread(surface: Surface) -> tuple[Array, Array]:
-    """Returns the area (n,) [m2] on which the force at each taxel acts: the taxel's area plus a part of the
-    gaps around the taxel; and fill factors (n, 4), as `sampling.FILL` says.
-    """
+def _spread(surface: Surface) -> Array:
+    """The area (n,) [m2] on which the force at each taxel acts: the taxel's area plus a part of the gaps
+    around it."""
     column = float(np.interp(np.log(width(surface.areas)), np.log(WIDTHS), np.arange(len(WIDTHS))))
     low = min(int(column), len(WIDTHS) - 2)
-    factors = fill_factors(surface)
-    narrow, wide = factors[:, low : low + 2].T
-    own = narrow + (column - low) * (wide - narrow)
-    return surface.areas / own, factors / own[:, None]
+    narrow, wide = fill_factors(surface)[:, low : low + 2].T
+    spread: Array = surface.areas / (narrow + (column - low) * (wide - narrow))
+    return spread
 
 
 def _raw(patch: Patch, counts: Array) -> NDArray[np.generic]:

@@ -55,6 +55,9 @@ GAPS, PATCHY = 0.4, 0.5
 as much of its arms bare."""
 WIDE = 4e-3, 12e-3
 """Least and largest radius [m] of a gap."""
+NOISE = 0.5
+"""Largest standard deviation [counts] of what a taxel sends: a third of a skin at rest is then a count off.
+Assumed."""
 PERIOD = 0.02
 """Time [s] between frames: the slowest skin among the described robots."""
 BEFORE, AFTER = 0.1, 0.6
@@ -83,6 +86,8 @@ class Trial:
     """Force [N] from which a pad lies flat, see `LaidTouches`."""
     cover: float = 0.0
     """Width [m] over which the skin's cover spreads a point."""
+    noise: float = 0.0
+    """Standard deviation [counts] of what a taxel sends."""
     seed: int = 0
 
 
@@ -122,7 +127,7 @@ def _drawn(
         speed if not people else speed / 10.0 if random.random() < SOMETIMES else 0.0,
         float(random.uniform(0.0 if kind in HARD else HARDEST, 1.1)),
         float(np.exp(random.uniform(*np.log(FLAT)))) if kind in KINDS else 0.0,
-        float(random.uniform(*COVERS)), int(random.integers(2**31)),
+        float(random.uniform(*COVERS)), float(random.uniform(0.0, NOISE)), int(random.integers(2**31)),
     )  # fmt: skip
 
 
@@ -162,6 +167,7 @@ def laid(trial: Trial, body: GenericBody) -> Iterator[Perception]:
         patch, surface = body.robot.patch(one.patch), body.skin.surfaces[one.patch]
         gains[one.patch][normal_channels(patch, surface)[_bare(surface, trial.gaps, random)]] = 0.0
     rest = {patch.name: np.full(patch.channels, float(patch.sensor.rest)) for patch in body.robot.skin}
+    noise = {patch.name: 0.0 if patch.sensor.switch else trial.noise for patch in body.robot.skin}
     perceiver = Perceiver(body)
     times = np.arange(0.0, touched.end + AFTER, PERIOD)
     frames = touched.frames(times)
@@ -171,9 +177,15 @@ def laid(trial: Trial, body: GenericBody) -> Iterator[Perception]:
         position: Array = home + trial.moves / turning * np.sin(turned)
         velocity: Array = np.full(len(home), trial.moves * np.cos(turned))
         skin = tuple(
-            SkinFrame(name, now, count, read_only(frames[name][count] if name in frames else raw))
+            SkinFrame(
+                name, now, count,
+                read_only(
+                    (frames[name][count] if name in frames else raw)
+                    + np.rint(random.normal(0.0, noise[name], len(raw)))
+                ),
+            )
             for name, raw in rest.items()
-        )
+        )  # fmt: skip
         joints = JointReading(now, count, read_only(position), read_only(velocity))
         yield perceiver.step(Reading(joints, skin), now)
 

@@ -92,10 +92,10 @@ class HandPlanner:
         return turn
 
     def _open(self, path: HandPath, link: int) -> None:
-        """A pad that mostly presses skin passes through the bare hulls of its link and of those beside it.
-        They are rough, and stick out of the skin of some robots by up to two centimetres, where the robot
-        itself has none; a pad that slides into the notch between skin and hull is wedged with thousands of
-        newtons. The other pads of a grip meet the bare side."""
+        """A hand on skin passes through the bare hulls of its link and of those beside it. They are rough,
+        and stick out of the skin of some robots by up to two centimetres, where the robot itself has none; a
+        pad that slides into the notch between skin and hull is wedged with thousands of newtons. Only the
+        pads of a grip that press from a bare side meet the hulls there."""
         model, bit = self._physics.model, self._bit
         model.geom_conaffinity[self._hard] |= bit
         parent = model.body_parentid
@@ -104,7 +104,9 @@ class HandPlanner:
         model.geom_conaffinity[near] &= ~bit
         points = np.array(path.points)
         on_skin = self._on_skin(points[:: max(1, len(points) // 20)], link).mean(axis=0) > 0.5
-        bits = dict(zip(path.pads, np.where(on_skin, bit, PERSON), strict=True))
+        out = np.array(path.normals).mean(axis=0)
+        through = (on_skin & (out @ out.T > 0.0)).any(axis=1)
+        bits = dict(zip(path.pads, np.where(through, bit, PERSON), strict=True))
         model.geom_contype[self._geoms] = [bits.get(pad, bit if on_skin.any() else PERSON) for pad in PADS]
 
     def _on_skin(self, points: Array, link: int) -> NDArray[np.bool_]:

@@ -255,7 +255,7 @@ class ContactReaction:
                 continue
             here = joints.position[group.servos]
             behind = group.references(reference, joints.position) - here
-            sags = group.sags.look(behind, weights[group.servos], now)
+            sags = group.sags.look(behind, weights[group.servos], now, moves=scene.moves_now(group))
             excused = self._excused[group.servos]
             bound = bounds(excused, scene.settings, rests=scene.rests(group)) + sags
             excused = excused + sags

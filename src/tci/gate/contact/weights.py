@@ -32,6 +32,8 @@ MOST = float(np.deg2rad(4.0))
 SINKS = 1.0
 """Time [s] within which a joint that got softer has sunk: several swings of an arm at a fifth of its
 stiffness."""
+SETTLES = 0.2
+"""The same [s] once its part moves: a servo of 60 rad/s has sunk to 2 % by then, and who is struck holds it."""
 WRONG = 0.2
 """Fraction of a weight by which a servo that compensates it may lift its joint: masses are wrong by that."""
 POSTURES = 32
@@ -95,9 +97,12 @@ class Sags:
         self.shares[mine], self._sags[mine] = share, sag
         self._until[mine], self._stiffer[mine] = -np.inf, False
 
-    def look(self, behind: Array, weights: Array, now: float) -> Array:
+    def look(self, behind: Array, weights: Array, now: float, *, moves: bool) -> Array:
         """By how much each joint sags (k,) [rad] that is `behind` its reference by so much (k,) [rad], either
-        way. `weights` (k,) [rad] bend it at full stiffness; 0 if nobody knows which way."""
+        way, while its group `moves` or not. `weights` (k,) [rad] bend it at full stiffness; 0 if nobody knows
+        which way."""
+        if moves:
+            self._until[now >= self._until - SINKS + SETTLES] = -np.inf
         off, shares = np.abs(behind), np.maximum(self.shares, 1e-3)
         # at a share of its stiffness the same weight bends it further, but no weight bends it as far as MOST
         lifts = behind * weights < 0.0

@@ -9,6 +9,7 @@ import pytest
 from helpers.squeezed import Outcome, Squeeze, squeeze
 from helpers.squeezes import draw, draw_in_elbow
 from tci.gate.settings import GateSettings
+from tci.messages import Mode
 from tci.robot.catalogue import load_robot
 
 ALONE = GateSettings(contact=None)
@@ -29,6 +30,11 @@ def freed(name: str, trial: Squeeze | None) -> Outcome:
 def test_a_withdrawal_does_not_leave_a_bystander_squeezed() -> None:
     robot = load_robot("icub")
     freed("icub", draw(robot, 10, by="reflex"))
+
+
+def test_whom_a_soft_arm_strikes_is_no_weight_that_it_sinks_by() -> None:
+    """The reflex makes its arm softer, and meets them within the second in which a soft joint sinks."""
+    freed("g1", draw(load_robot("g1"), 1, mode=Mode.IMPEDANCE, by="reflex"))
 
 
 @pytest.mark.parametrize("name", ["nao", "g1"])

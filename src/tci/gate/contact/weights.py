@@ -33,7 +33,8 @@ SINKS = 1.0
 """Time [s] within which a joint that got softer has sunk: several swings of an arm at a fifth of its
 stiffness."""
 SETTLES = 0.2
-"""The same [s] once its part moves: a servo of 60 rad/s has sunk to 2 % by then, and who is struck holds it."""
+"""The same [s] once its part moves: a servo of 60 rad/s has sunk by 98 % then, and whoever is struck later
+holds it."""
 WRONG = 0.2
 """Fraction of a weight by which a servo that compensates it may lift its joint: masses are wrong by that."""
 POSTURES = 32

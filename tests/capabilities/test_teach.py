@@ -20,7 +20,7 @@ from tci.capabilities.teach.guide import guided
 from tci.cli.lesson import expect_lesson, save_lesson
 from tci.errors import CommandError, TciError
 from tci.gestures import Gesture, fit, read_csv
-from tci.messages import ExpectContact, GenericCommand, Mode, SwitchMode
+from tci.messages import ExpectContact, GenericCommand, Met, Mode, SwitchMode
 from tci.messages.frames import Array
 from tci.runtime.loop import Tick, run
 from tci.testing import TouchedRobot
@@ -138,13 +138,14 @@ class Scene:
         self.memory: Any = capability.init(self.body)
         self.posture: dict[str, Array] = {}
         self.orders: list[Any] = []
+        self.met: tuple[Met, ...] = ()
         for order in capability.begin(self.robot.perceive(), self.body):
             assert isinstance(order, SwitchMode)
 
     def touch(self, patch: str | None, seconds: float, force: float = 3.0, turn: Array | None = None) -> None:
         """A touch; whoever holds a soft arm leads it by `turn` [rad/s]."""
         for _ in range(round(seconds / 0.02)):
-            seen = self.robot.perceive(patch, force=force)
+            seen = replace(self.robot.perceive(patch, force=force), met=self.met)
             for part, angles in self.posture.items():
                 seen.posture[part] = angles  # type: ignore[index]
             given, self.memory = self.capability.step(self.memory, seen, self.body)
@@ -202,6 +203,26 @@ def test_a_lesson_is_repeated_corrected_and_corrections_are_taken_back() -> None
     scene.touch(None, 3.0)
     scene.tap("right_forearm", 3)
     assert scene.memory.motion.corrections == ()
+
+
+def test_an_arm_that_met_somebody_while_it_plays_waits_for_a_tap() -> None:
+    """It went on into the same person as soon as the gate let it, until the third time stopped the robot."""
+    scene = Scene("g1", tci.Teach())
+    scene.touch("left_forearm", 1.0)
+    scene.touch(None, 0.5)
+    scene.tap("right_forearm")
+    while scene.memory.played < 0.5:
+        scene.touch(None, 0.02)
+    scene.met = (Met("left_arm", 0.0, "left_elbow_joint", 0.1, "retreat"),)
+    scene.touch(None, 0.02)
+    assert any("tap again" in note for note in scene.capability.notes(scene.memory))
+    scene.met = ()
+    scene.orders.clear()
+    scene.touch(None, 1.0)
+    assert not [one for one in scene.orders if isinstance(one, GenericCommand) and one.values.any()]
+    scene.tap("right_forearm")
+    scene.touch(None, 4.0)
+    assert scene.memory.played > 0.5
 
 
 def test_a_lesson_is_written_as_a_gesture(tmp_path: Path) -> None:

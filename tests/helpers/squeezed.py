@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -16,6 +17,7 @@ from tci.capabilities.capability import Capability
 from tci.capabilities.play_gesture import PlayGesture
 from tci.capabilities.teach.capability import Teach
 from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.errors import CommandError
 from tci.gestures.gesture import Fitted, Gesture
 from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode
 from tci.messages.frames import Array
@@ -27,8 +29,9 @@ By = Literal["order", "gesture", "lesson", "reflex"]
 """Who moves the arm: a lesson is played after a tap on the other arm, a reflex answers one on its own."""
 STARTS = 1.0
 """Time [s] until a lesson is played: a tap, and the end of its series."""
-LASTS, AFTER = 3.4, 2.02
-"""Least length [s] of a trial, and of the contact with each person in it: 2 s after its start is judged."""
+LASTS, AFTER, RESET = 3.4, 2.02, 0.5
+"""Least length [s] of a trial, and of the contact with each person in it: 2 s after its start is judged. Then
+the gate is reset, and what is left after that is judged, too."""
 POKED = (2e-3, 8e-3)
 """Depth [m] of a tap that an arm withdraws from: 3 to 12 N."""
 
@@ -70,6 +73,8 @@ class Pressed:
     """Force [N] 0.5 s after the first contact."""
     late: float
     """Force [N] 2 s after."""
+    reset: float
+    """Force [N] at the end, after somebody reset the gate."""
     over: float
     """Time above 65 N [s]."""
     felt: bool
@@ -148,7 +153,7 @@ def squeeze(
     driver = (Cut if cut else RigidDriver)(plant, settings=settings)
     person, second = (plant.felt[name] for name in ("person", "second"))
     skin = {"person": False, "second": False}
-    there = False
+    there, state, reason = False, "", None
 
     def see(tick: Any) -> None:
         nonlocal there
@@ -165,14 +170,19 @@ def squeeze(
     least = LASTS + (STARTS if one.by == "lesson" else 0.0)
 
     def over(_: Any) -> bool:
-        last = max(felt.first or 0.0 for felt in (person, second))
-        return plant.time >= max(least, last + AFTER)
+        nonlocal state, reason
+        last = max(least, max(felt.first or 0.0 for felt in (person, second)) + AFTER)
+        if plant.time >= last and not state:
+            state, reason = driver.gate.state.name, driver.gate.reason
+            with suppress(CommandError):  # somebody is still held
+                driver.gate.reset()
+        return plant.time >= last + RESET
 
     result = run(driver, moved_by(one), duration=2.0 * least, observe=see, until=over)
     said = [str(notice) for notice in (*result.refusals, *result.clamps, *result.holds, *result.went_back)]
-    said += [str(result.reason)] if result.reason else []
+    said += [str(reason)] if reason else []
     return Outcome(
-        **vars(_pressed(person, skin["person"])), state=result.state.name, said=tuple(said),
+        **vars(_pressed(person, skin["person"])), state=state, said=tuple(said),
         other=_pressed(second, skin["second"]), force=(np.array(person.time), np.array(person.force)),
     )  # fmt: skip
 
@@ -180,7 +190,7 @@ def squeeze(
 def _pressed(force: Felt, felt: bool) -> Pressed:
     first = force.first
     half, late = (0.0 if first is None else force.at(first + after) for after in (0.5, 2.0))
-    return Pressed(first, force.peak, half, late, force.above(65.0), felt)
+    return Pressed(first, force.peak, half, late, force.now, force.above(65.0), felt)
 
 
 def _behind(robot: Robot, plant: RigidRobot, one: Squeeze, room: float) -> Array:

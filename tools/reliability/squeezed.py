@@ -49,7 +49,8 @@ def squeezed(full: bool) -> Row:
         "trials",
         f"freed: {told}; largest peak {max((one['peak'] for one in done), default=0.0):.0f} N; "
         f"when the link is cut after the first order {left} of {len(cut)} stay squeezed (not judged)",
-        "after 0.5 s at most 65 N, above 65 N for at most 0.2 s, after 2 s at most 15 N (skin), 30 N (bare)",
+        "after 0.5 s at most 65 N, above 65 N for at most 0.2 s, after 2 s, and after a reset, at most 15 N "
+        "(skin), 30 N (bare)",
         not over,
     )
 
@@ -106,5 +107,6 @@ def _most(one: Pressed) -> float:
 
 
 def _faults(one: Pressed) -> list[str]:
-    bars = {"0.5 s": one.half > STIFF, "long": one.over > LONG, "2 s": one.late > _most(one)}
+    bars = {"0.5 s": one.half > STIFF, "long": one.over > LONG, "2 s": one.late > _most(one),
+            "reset": one.reset > _most(one)}  # fmt: skip
     return [what for what, missed in bars.items() if missed]

@@ -315,6 +315,9 @@ def _play(memory: Taught, before: Mapping[str, Limb], perception: Perception, el
     if any(limb.let_go for limb in own.values()):
         return replace(memory, phase=Doing.WAITS)
     words = f"{', '.join(motion.parts)}: "
+    if any(one.part in own and one.answer in ("soft", "retreat", "stop") for one in perception.met):
+        said = f"{words}gave way to somebody in the way; tap again to repeat the motion"
+        return replace(memory, phase=Doing.WAITS, said=(*memory.said, said))
     if _stands(memory):
         held = ", ".join(part for part, limb in own.items() if limb.touched)
         return replace(

@@ -5,16 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from tci.lab.experiments.impacts import LASTING, Impact
-from tci.robot.blow import BANDWIDTH, REACTION, ROTOR
+from tci.robot.blow import REACTION
 from tci.robot.collisions import solid_spec
+from tci.robot.coupled_blow import Motors
 from tci.robot.description import Robot
 from tci.robot.kinematics import joints_of
 from tci.support.engine import mujoco
 
 STEP = 2e-4
 """[s]: a surface of `SURFACE` on 150 N/mm still swings over 18 steps."""
-RADIUS = 0.02
-"""Radius [m] of the region that is struck."""
+RADIUS = 0.05
+"""Radius [m] of the region that is struck, an upper arm's: links slide off a small one."""
 HARD = [2.0 * STEP, 1.0], [0.99, 0.99, 0.001, 0.5, 2.0], [0.5, 0.005, 1e-4]
 """MuJoCo's `solref`, `solimp` and `friction` of a contact that is much stiffer than people."""
 SURFACE = 0.05
@@ -39,18 +40,12 @@ def replay(robot: Robot, impact: Impact, *, answered: bool = True) -> float:
     person = model.body("person").id
     model.body_pos[person] = touch + (RADIUS + 1e-4) * along
     mujoco.mju_quatZ2Vec(model.body_quat[person], along)
-    full = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, full)
-    own = np.diag(full)[columns]
-    model.dof_armature[columns] = ROTOR * own
-    limits = [robot.servos[int(servo)].limits for servo in servos]
-    carried = (1.0 + ROTOR) * own
-    most = np.maximum([one.torque or 0.0 for one in limits],
-                      carried * np.array([one.acceleration or 20.0 for one in limits]))  # fmt: skip
+    motors = Motors(robot)
+    model.dof_armature[columns] = motors.rotor[servos]
+    stiffness, damping, most = (one[servos] for one in (motors.stiffness, motors.damping, motors.torque))
     mujoco.mj_setConst(model, mujoco.MjData(model))
     speed, start = impact.velocity[servos], data.qpos[addresses].copy()
     data.qvel[columns] = speed
-    stiffness, damping = carried * BANDWIDTH**2, 2.0 * carried * BANDWIDTH
     spring = model.joint("person surface")
     bent, goes_in = spring.qposadr[0], spring.dofadr[0]
     reaction, largest = REACTION if answered else LASTING, 0.0

@@ -1,6 +1,6 @@
 """How hard a robot's links may strike or squeeze people, over random postures, speeds, places and regions.
 
-A blow is that of `tci.robot.blow`: the effective mass behind the place, carried by its servos, against a
+A blow is that of `tci.robot.coupled_blow`: the joints behind the place, each carried by its servo, against a
 region of a person's body. Joints go as fast as their limits allow, so no motion in position or velocity mode
 that passes the gate is faster. A person is free to move, or clamped: against a wall, they can't give way.
 """
@@ -14,8 +14,9 @@ import numpy as np
 
 from tci.errors import DescriptionError, Fault
 from tci.messages.frames import Array
-from tci.robot.blow import REACTION, Striker, Strikers, Struck
+from tci.robot.blow import REACTION, Struck
 from tci.robot.collisions import solid_spec
+from tci.robot.coupled_blow import Coupled, Motors
 from tci.robot.description import Robot
 from tci.robot.dynamics import Dynamics
 from tci.robot.joint_calibration import JointCalibration
@@ -52,7 +53,7 @@ class Impact:
     That point of the link is ahead of all others in this direction."""
     speed: float
     """[m/s] of that point along the direction."""
-    striker: Striker
+    striker: Coupled
     unanswered: float
     """Largest force [N] if nothing notices the contact."""
     answered: float
@@ -81,7 +82,7 @@ class Impacts:
 
     def __init__(self, robot: Robot) -> None:
         """Raises DescriptionError for a robot without a model, masses, or parts that move."""
-        self._robot, self._chain, self._strikers = robot, KinematicChain(robot), Strikers(robot)
+        self._robot, self._chain, self._motors = robot, KinematicChain(robot), Motors(robot)
         self._dynamics = Dynamics(robot, JointCalibration(robot=robot.name))
         model = solid_spec(robot, mounted=False).compile()
         limits = [servo.limits for servo in robot.servos]
@@ -142,16 +143,16 @@ class Impacts:
             speed = float(direction @ moved @ velocity)
             if speed > max(SLOW, HEAD_ON * float(np.linalg.norm(moved @ velocity))):
                 break
-        striker = self._strikers.behind(inertia, direction @ moved)
+        striker = self._motors.behind(inertia, direction @ moved)
         assert striker is not None  # the servos move the place
         struck = person if not clamped else Struck(
             name=person.name, stiffness=person.stiffness, mass=WALL, force=person.force
         )  # fmt: skip
-        answered = striker.force_on(struck, speed, reaction=REACTION)
+        answered = striker.force_on(struck, velocity, reaction=REACTION)
         area = self._solids.area(link, answered / person.stiffness)
         return Impact(
             part, link, person, clamped, position, velocity, point, direction, speed, striker,
-            striker.force_on(struck, speed, reaction=LASTING), answered, answered / area,
+            striker.force_on(struck, velocity, reaction=LASTING), answered, answered / area,
         )  # fmt: skip
 
 

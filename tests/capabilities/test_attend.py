@@ -3,13 +3,15 @@ poses."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import tci
 from helpers.attended import Still, stroke, touch, two_people
 from tci.errors import CommandError, TciError
-from tci.messages import GenericCommand
+from tci.messages import GenericCommand, Met
 from tci.testing import TouchedRobot
 
 BEFORE = {"left_arm": np.deg2rad([60, 10, 30, 80, 0])}
@@ -77,6 +79,20 @@ def test_a_look_stops_while_the_head_is_touched_and_the_waist_while_an_arm_is() 
         np.testing.assert_array_equal(stop.values, robot.body.robot.part(part).initial_posture)
         assert f"{part} keeps still" in said[20][0]
         assert attend.claims(memory) == {part}
+
+
+@pytest.mark.parametrize("returns", [False, True])
+def test_an_order_that_the_gate_dropped_while_a_part_waits_is_given_again(returns: bool) -> None:
+    robot, attend = TouchedRobot("nao-plain"), tci.Attend(patience=0.2)
+    memory, orders, waits, k = attend.init(robot.body), list[GenericCommand](), 0, 0
+    while len(orders) < 2 + returns and k < 200:
+        seen = robot.perceive("left_hand" if not returns or k < 10 else None, force=4.0)
+        if len(orders) == 1 + returns and waits < 10:
+            seen, waits = replace(seen, met=(Met("head", 0.0, None, 0.0, "waits"),)), waits + 1
+        given, memory = attend.step(memory, seen, robot.body)
+        orders, k = [*orders, *given], k + 1
+    np.testing.assert_allclose(orders[-1].values, orders[-2].values, atol=1e-9)
+    assert waits == 10
 
 
 def test_the_gaze_returns_when_nobody_touches() -> None:

@@ -63,8 +63,8 @@ class Seen:
     """Least angle [deg] that any angles of the joints leave: above 4 if the place is out of reach."""
     withdrew: bool
     kept: str
-    """Why the gaze stayed away, if it was told: the gate stopped the way before a collision, or a turn of the
-    waist would have brought the arm back to the finger."""
+    """Why the gaze stayed away, or came late, if it was told: the gate stopped the way before a collision, a
+    turn of the waist would have brought the arm back to the finger, or the arm met its own body."""
     notes: tuple[str, ...]
 
     @property
@@ -192,6 +192,8 @@ def touch(name: str, seed: int) -> Seen | None:
     came = next((k for k in range(end, len(times)) if max(offs[k : k + 50]) <= near), None)
     late = np.inf if came is None else float(times[came] - deadline)
     kept = "a collision" if any("would come" in str(one) for one in result.clamps) else ""
+    if any("head waits" in str(one) for one in result.went_back):
+        kept = "the arm"
     if camera.level and offs[-1] > 5.0 and any("back to the hand" in note for note in notes):
         kept = "the finger"
     return Seen(

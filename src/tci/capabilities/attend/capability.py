@@ -133,6 +133,9 @@ class Attend(Capability[Attention]):
         )
         if touched:
             return self._hold(replace(memory, blocked=now), perception, part, tuple(touched))
+        if any(one.part == part for one in perception.met):  # the gate dropped its order, which is due again
+            said = f"{part} waits, since another part met somebody"
+            return (), replace(memory, look=None, left=np.inf, blocked=now, said=said)
         if now - memory.blocked < (self.quiet if memory.held else self.delay):
             return (), memory
         here = perception.posture[part]

@@ -114,6 +114,8 @@ def test_what_is_wrong_is_said(tmp_path: Path) -> None:
     with pytest.raises(TciError, match=r"touch words: least 2.0; valid: 0 to 1"):
         TouchWords(least=2.0)
     wrong = tmp_path / "wrong.npz"
+    with pytest.raises(DescriptionError, match="there is no such file; valid: one from tci words train"):
+        TouchWords(str(wrong))
     for content in (b"", b"PK\x03\x04 nothing", b"\x93NUMPY"):
         wrong.write_bytes(content)
         with pytest.raises(DescriptionError, match="no recogniser of touch words"):

@@ -103,9 +103,7 @@ def test_a_part_that_is_held_is_told_to_go_back() -> None:
     assert outcome["after_s"] < 0.3
     assert "met something" in outcome["why"]
     last = " ".join(told_by(*POKED, "--fault", "stall@0.32").split())
-    assert last.endswith(
-        "a part met something and went back; see what is in its way, then order the motion again"
-    )
+    assert last.endswith("a part met something; see what is in its way, then order the motion again")
 
 
 def test_a_person_sees_what_happened_and_why_the_robot_holds() -> None:

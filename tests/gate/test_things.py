@@ -197,8 +197,12 @@ def test_a_table_that_an_arm_meets_often_is_no_reason_to_stop_the_robot() -> Non
 
 
 def test_a_fixture_that_can_not_be_is_refused_and_none_is_left_out_in_silence() -> None:
-    with pytest.raises(TciError, match=r"fixture table: .*valid: finite numbers, and lengths above 0 m"):
+    with pytest.raises(
+        TciError, match=r"fixture table: .*valid: 3 finite numbers each, and lengths above 0 m"
+    ):
         Fixture("table", (0.0, 0.0, -1.0), (1.0, 1.0, 0.0))
+    with pytest.raises(TciError, match=r"fixture table: .*valid: 3 finite numbers each"):
+        Fixture("table", (0.0, 0.0), (1.0, 1.0, 1.0))  # type: ignore[arg-type]
     twice = (Fixture("table", (0.0, 0.0, -1.0), (1.0, 1.0, 1.0)),) * 2
     with pytest.raises(TciError, match="fixtures table, table; valid: another name for each"):
         Lowered(*twice)

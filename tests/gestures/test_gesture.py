@@ -76,7 +76,7 @@ def test_a_csv_of_a_spreadsheet_with_decimal_commas_is_read(tmp_path: Path, mark
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("", "line 1: the first line is time_s"),
+        ("", "line 1: not the columns of a gesture; valid: time_s"),
         ("time_s,left_arm\n0,1\n", "column 'left_arm'; valid: part.joint_deg"),
         ("time_s,a.b_deg\n0,1\n1\n", "line 3: 1 values; valid: 2 numbers"),
         ("time_s,a.b_deg\n0,1\n1,x\n", "line 3: 2 values; valid: 2 numbers such as -12.5 or 1e-3, not 'x'"),

@@ -83,6 +83,8 @@ def test_a_line_of_words_says_all_of_a_touch() -> None:
         ("stroke 'left forearm' 0.2..1.8", "1.8 along the limb; valid: 0 to 1"),
         ("stroke left_forearm taxel 900", "valid: 0 to 239"),
         ("stroke 3N", "no place"),
+        ("stroke 'left forearm' -3N", "touch .*: '-3N'; valid: KIND PLACE"),
+        ("stroke 'left forearm' @0.5", "touch .*: '@0.5'; valid: KIND PLACE"),
         ("stroke 'left forearm", "No closing quotation"),
     ],
 )

@@ -66,7 +66,11 @@ def read_csv(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
 def _names(source: str, head: list[str]) -> dict[str, list[str]]:
     """Returns the names of the joints by part, read from `head`, the columns of the file's first line."""
     if head[:1] != [TIME] or not 2 <= len(head) <= COLUMNS:
-        raise refuse(source, 1, f"the first line is {TIME},part.joint{UNIT},... of at most {COLUMNS} columns")
+        raise refuse(
+            source,
+            1,
+            f"not the columns of a gesture; valid: {TIME},part.joint{UNIT},... of at most {COLUMNS} columns",
+        )
     names: dict[str, list[str]] = {}
     last = ""
     for column in head[1:]:

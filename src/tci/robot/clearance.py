@@ -51,10 +51,11 @@ class Fixture:
     """Whole lengths [m] along x, y and z."""
 
     def __post_init__(self) -> None:
-        if not (np.isfinite([*self.centre, *self.size]).all() and min(self.size) > 0.0):
+        three = len(self.centre) == len(self.size) == 3
+        if not (three and np.isfinite([*self.centre, *self.size]).all() and min(self.size) > 0.0):
             raise TciError(
-                f"fixture {self.name}: centre {self.centre}, size {self.size}; valid: finite numbers, and "
-                "lengths above 0 m"
+                f"fixture {self.name}: centre {self.centre}, size {self.size}; valid: 3 finite numbers each, "
+                "and lengths above 0 m"
             )
 
 

@@ -22,8 +22,8 @@ turns a servo at rest by a smaller angle."""
 SHOWN = 6
 """Largest number of entries in each list (moved servos, refusals, clamps, holds) of the summary of a run.
 Assumed: users do not read longer lists."""
-MET = "a part met something and went back; see what is in its way, then order the motion again"
-"""Last words of a run in which a part went back. The robot did what it should, so the run is no failure."""
+MET = "a part met something; see what is in its way, then order the motion again"
+"""Last words of a run in which a part answered contact. The robot did what it should: no failure."""
 
 Memory = TypeVar("Memory")
 _log = logging.getLogger("tci")
@@ -68,7 +68,8 @@ class RunResult(Generic[Memory]):
     """Reasons for which the gate held the robot, one notice per kind of reason. The `count` of a notice is
     the number of periods in which the gate held the robot for this reason."""
     went_back: tuple[Notice, ...] = ()
-    """Parts that met something and went back (code CONTACT), one notice per kind of reason."""
+    """Parts that met something (code CONTACT), and whether each went back, gave way or stopped; one notice
+    per kind of reason."""
     lacks: tuple[str, ...] = ()
     """What the robot lacks for the capability: `WithdrawalReflex: no skin on an arm of this robot`."""
     switches: tuple[str, ...] = ()
@@ -106,7 +107,7 @@ class RunResult(Generic[Memory]):
     def __repr__(self) -> str:
         lines = [self.summary]
         kinds = {
-            "refused": self.refusals, "clamped": self.clamps, "held": self.holds, "back": self.went_back
+            "refused": self.refusals, "clamped": self.clamps, "held": self.holds, "met": self.went_back
         }  # fmt: skip
         for kind, notices in kinds.items():
             lines += [f"{kind} {notice}" for notice in notices[:SHOWN]]
@@ -178,7 +179,7 @@ class Account:
             self._note(self._refusals, "refused", refusal, sent.stamp)
         for clamp in sent.clamped:
             if clamp.code is Code.CONTACT:
-                self._note(self._went_back, "back", clamp, sent.stamp)
+                self._note(self._went_back, "met", clamp, sent.stamp)
             else:
                 self._note(self._clamps, "clamped", clamp, sent.stamp)
         if sent.state is GateState.HOLD and sent.reason is not None:

@@ -22,6 +22,8 @@ _UNITS = {
     "s": ("duration", 1.0), "ms": ("duration", 1e-3),
 }  # fmt: skip
 _QUANTITY = re.compile(r"(@?)(\d+(?:\.\d+)?)(N|cm/s|mm/s|m/s|ms|s)")
+_WRONG = re.compile(r"@.*|[+-]?[\d.,]+(N|[cm]?m(/s)?|m?s|k?g)", re.IGNORECASE)
+"""A quantity that `_QUANTITY` does not know, and no word of a place."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +102,8 @@ def parse_touch(text: str, kinds: Mapping[str, Kind] | None = None) -> Touch:
         elif word == "with" and len(words) > 1 and words[1] in ("hand", "hands"):
             _put(found, "hand", words.pop(0), text)
             words.pop(0)
+        elif _WRONG.fullmatch(word):
+            raise CommandError(f"touch {text!r}: {word!r}; valid: {EXAMPLE}")
         else:
             place.append(word)
     if not place:

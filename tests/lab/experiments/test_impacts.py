@@ -101,14 +101,19 @@ def test_the_report_says_what_it_is_and_what_a_user_limits(tmp_path: Path) -> No
         ("region,force_N\nhand,3\n", "no column stiffness_N_mm, mass_kg"),
         (
             "region,stiffness_N_mm,mass_kg,force_N\nhand,75,0.6,many\n",
-            "line 2: 'many'; valid: a number above 0",
+            "line 2: force_N 'many'; valid: a number above 0",
+        ),
+        (
+            "region,stiffness_N_mm,mass_kg,force_N\nhand,75,0.6,9\nhand,75,0.6,8\n",
+            "line 3: region 'hand' again; valid: each region once",
         ),
         ("region,stiffness_N_mm,mass_kg,force_N\n", "no region"),
+        ("\xff", "no column region"),
     ],
 )
 def test_a_wrong_file_of_limits_names_the_place(text: str, words: str, tmp_path: Path) -> None:
     file = tmp_path / "mine.csv"
-    file.write_text(text)
+    file.write_text(text, encoding="latin-1")
     with pytest.raises(DescriptionError, match=words):
         Limits.read(file)
     assert isinstance(PEOPLE[0], Struck)

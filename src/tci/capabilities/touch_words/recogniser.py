@@ -70,7 +70,9 @@ class Recogniser:
 def read_recogniser(path: str | Path) -> Recogniser:
     """Raises DescriptionError if the file is not a recogniser of this version."""
     try:
-        if Path(path).is_file() and not zipfile.is_zipfile(path):
+        if not Path(path).is_file():
+            raise ValueError("there is no such file; valid: one from tci words train")
+        if not zipfile.is_zipfile(path):
             raise ValueError("it is no .npz file; valid: one from tci words train")
         with np.load(path, allow_pickle=False) as file:
             arrays: dict[str, NDArray[Any]] = dict(file)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -39,7 +39,7 @@ class Limits:
     def read(cls, file: Path) -> Limits:
         """Reads a CSV file. Raises DescriptionError with all lines that are wrong."""
         people, pressures, faults = [], [], []
-        with file.open(newline="", encoding="utf-8-sig") as text:
+        with file.open(newline="", encoding="utf-8-sig", errors="replace") as text:
             rows = csv.DictReader(text)
             missing = [name for name in COLUMNS[:4] if name not in (rows.fieldnames or ())]
             if missing:
@@ -47,10 +47,12 @@ class Limits:
                 raise DescriptionError(str(file), [Fault(1, words)])
             for row in rows:
                 try:
-                    stiffness, mass, force = (_above_zero(row[name]) for name in COLUMNS[1:4])
-                    pressure = _above_zero(row[COLUMNS[4]]) if row.get(COLUMNS[4]) else None
+                    stiffness, mass, force = (_above_zero(row, name) for name in COLUMNS[1:4])
+                    pressure = _above_zero(row, COLUMNS[4]) if row.get(COLUMNS[4]) else None
+                    if any(row["region"] == one.name for one in people):
+                        raise ValueError(f"region {row['region']!r} again; valid: each region once")
                 except ValueError as error:
-                    faults.append(Fault(rows.line_num, f"{error}; valid: a number above 0"))
+                    faults.append(Fault(rows.line_num, str(error)))
                     continue
                 people.append(
                     Struck(name=row["region"], stiffness=1e3 * stiffness, mass=mass, force=2.0 * force)
@@ -62,13 +64,13 @@ class Limits:
         return cls(tuple(people), tuple(pressures), str(file))
 
 
-def _above_zero(text: str | None) -> float:
+def _above_zero(row: Mapping[str, str | None], name: str) -> float:
     try:
-        number = float(text or "")
+        number = float(row[name] or "")
     except ValueError:
-        raise ValueError(repr(text)) from None
+        number = 0.0
     if not 0.0 < number < np.inf:
-        raise ValueError(repr(text))
+        raise ValueError(f"{name} {row[name]!r}; valid: a number above 0")
     return number
 
 

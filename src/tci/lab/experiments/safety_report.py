@@ -38,7 +38,7 @@ class Limits:
     @classmethod
     def read(cls, file: Path) -> Limits:
         """Reads a CSV file. Raises DescriptionError with all lines that are wrong."""
-        people, pressures, faults = [], [], []
+        people, pressures, faults = list[Struck](), list[tuple[str, float]](), list[Fault]()
         with file.open(newline="", encoding="utf-8-sig", errors="replace") as text:
             rows = csv.DictReader(text)
             missing = [name for name in COLUMNS[:4] if name not in (rows.fieldnames or ())]

@@ -58,7 +58,7 @@ class Seen:
     late: float
     """Time [s] by which the gaze came after its deadline; negative if it came before."""
     off: float
-    """Angle [deg] between gaze and place at the deadline."""
+    """Largest angle [deg] between gaze and place for half a second after it came, or after the deadline."""
     best: float
     """Least angle [deg] that any angles of the joints leave: above 4 if the place is out of reach."""
     withdrew: bool
@@ -69,8 +69,8 @@ class Seen:
 
     @property
     def met(self) -> bool:
-        """Gaze within 5 degrees of the place, or of as near as the joints go, when it is due and for half a
-        second after."""
+        """Gaze within 5 degrees of the place, or of as near as the joints go, by its deadline, and for half a
+        second: an arm may withdraw so slowly that the gaze has come, and left, before the arm rests."""
         return bool(self.kept) or (self.late <= 0.0 and self.off <= self.best + 5.0)
 
 
@@ -121,6 +121,10 @@ STOPS = 0.1
 """Speed [rad/s] below which an arm has withdrawn."""
 LASTS = 4.5
 """Length of a trial [s]: a slow withdrawal, a slow neck, and a second of looking."""
+HALF = 0.5
+"""Time [s] for which the gaze must stay."""
+FRAME = 0.02
+"""Period [s] of a skin: a finger that glances off within it touched nothing."""
 
 
 def posture(robot: tci.Robot, random: np.random.Generator) -> dict[str, Array]:
@@ -169,9 +173,9 @@ def touch(name: str, seed: int) -> Seen | None:
     result = tci.run(
         SimulatedDriver(robot, world=world), CAPABILITY, duration=LASTS, observe=see, until=listen
     )
-    if not place:
-        return None
     times = np.array([row[0] for row in trace])
+    if sum(row[1] for row in trace) * (times[1] - times[0]) < FRAME:
+        return None
     touching, moving = np.array([row[1] for row in trace]), np.array([row[2] for row in trace])
     onset = int(np.argmax(touching))
     end = onset
@@ -186,18 +190,18 @@ def touch(name: str, seed: int) -> Seen | None:
     offs = [_off(judge, qpos, place[0]) for *_, qpos in trace]
     limit = min([*(speed for _, speed in camera.joints), *speeds])
     deadline = times[end] + 0.3 + np.radians(offs[end]) / (0.8 * limit)
-    after = [k for k in range(len(times)) if deadline <= times[k] <= deadline + 0.5]
     best = judge.best(place[0])
-    near = best + 5.0
-    came = next((k for k in range(end, len(times)) if max(offs[k : k + 50]) <= near), None)
+    stays = round(HALF / (times[1] - times[0]))
+    came = next((k for k in range(onset, len(times) - stays) if max(offs[k : k + stays]) <= best + 5.0), None)
     late = np.inf if came is None else float(times[came] - deadline)
+    first = int(np.searchsorted(times, deadline)) if came is None else came
     kept = "a collision" if any("would come" in str(one) for one in result.clamps) else ""
     if any("head waits" in str(one) for one in result.went_back):
         kept = "the arm"
     if camera.level and offs[-1] > 5.0 and any("back to the hand" in note for note in notes):
         kept = "the finger"
     return Seen(
-        patch.name, offs[end], late, max(offs[k] for k in after) if after else np.inf,
+        patch.name, offs[end], late, max(offs[first : first + stays], default=np.inf),
         best, withdrew, kept, tuple(notes),
     )  # fmt: skip
 

@@ -156,6 +156,15 @@ class Far(Nod):
         return (tci.GenericCommand("head", tci.Mode.POSITION, np.array([1.5, 0.0, 0.0])),), None
 
 
+def test_a_run_that_got_no_lesson_says_how_to_end_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        run_capability("teach", "nao", duration=0.1, lesson=tmp_path / "mine.csv")
+    assert end.value.code == 1
+    assert "valid: guide an arm, then tap another part" in " ".join(capsys.readouterr().out.split())
+
+
 def test_a_capability_that_is_refused_in_every_period_is_told_and_ends_with_a_status(
     capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
 ) -> None:

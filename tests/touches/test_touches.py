@@ -77,7 +77,7 @@ def test_a_line_of_words_says_all_of_a_touch() -> None:
     ("words", "told"),
     [
         ("strok belly", "did you mean 'stroke'.*valid: rest, poke"),
-        ("pull 'left forearm'", "has a name, but no generator; valid: rest"),
+        ("pull 'left forearm'", "knows the word .*, but can't do it; valid: rest"),
         ("stroke 'left forearm' 400N", f"force 400 N; valid: {FORCES[0]:g} to {FORCES[1]:g} N"),
         ("stroke 'left forearm' 3N 4N", "force given twice"),
         ("stroke 'left forearm' 0.2..1.8", "1.8 along the limb; valid: 0 to 1"),

@@ -208,9 +208,11 @@ def run_capability(
     else:
         conclude(session, filmed=filmed is not None)
         if lesson is not None:
-            words = "not written: no lesson was ended" if taught is None else (
-                f"{', '.join(taught.postures)}, {taught.duration:.1f} s; next: tci gesture play {lesson} icub"
-            )  # fmt: skip
+            if taught is None:
+                words = "not written: no lesson was ended; valid: guide an arm, then tap another part"
+            else:
+                words = f"{', '.join(taught.postures)}, {taught.duration:.1f} s; "
+                words += f"next: tci gesture play {lesson} icub"
             console.print(f"{lesson}: {words}", highlight=False, markup=False)
         result = session.result
         noted = any(event.kind == "NOTE" for event in session.log.events)

@@ -165,7 +165,7 @@ def _row(time: str, kind: str, words: str, colour: str) -> RenderableType:
     within its column."""
     table = Table.grid(padding=(0, 2, 0, 0))
     table.add_column(min_width=10, justify="right", no_wrap=True)
-    table.add_column(width=7, no_wrap=True)
+    table.add_column(width=8, no_wrap=True)
     table.add_column()
     table.add_row(time, Text(kind, style=colour), Text(words))
     return table

@@ -114,7 +114,7 @@ def _able(name: str, kinds: Mapping[str, Kind] | None) -> Kind:
         from tci.touches.kinds import KINDS
 
         able = [one.name for one in (kinds or KINDS).values() if one.generator != "none"]
-        raise CommandError(f"{name!r} has a name, but no generator; valid: {', '.join(able)}")
+        raise CommandError(f"TCI knows the word {name!r}, but can't do it; valid: {', '.join(able)}")
     return kind
 
 

@@ -58,13 +58,19 @@ def test_a_hand_that_comes_and_goes_is_not_taken_for_a_stiff_one(seed: int) -> N
     assert met.left < 2.0
 
 
-def test_a_hand_on_a_persons_arm_that_comes_and_goes_is_given_way_to() -> None:
-    """0.6 kg behind a pad of 1.5 N/mm, on an arm of 300 N/m, with up to 0.2 m/s."""
-    met = meet("g1", 6, cap=10.0, stiffness=1.5e3, speed=0.2, free=True, lasts=2.4)
+@pytest.mark.parametrize(
+    ("name", "seed", "stiffness", "speed"), [("g1", 6, 1.5e3, 0.2), ("icub", 177, 1.7e3, 0.15)]
+)
+def test_a_hand_on_a_persons_arm_that_comes_and_goes_is_given_way_to(
+    name: str, seed: int, stiffness: float, speed: float
+) -> None:
+    """0.6 kg behind a pad, on an arm of 300 N/m."""
+    met = meet(name, seed, cap=10.0, stiffness=stiffness, speed=speed, free=True, lasts=2.4)
     assert met is not None
     assert met.felt
     assert met.peak > 10.0
     assert met.high <= 20.0
+    assert met.kept >= 0.9
     assert met.state == "RUN"
 
 
@@ -160,6 +166,23 @@ def test_it_declares_the_contact_that_it_handles_and_tells_it() -> None:
     assert "left_arm gives way" in gentle.notes(memory)[0]
     with pytest.raises(TciError, match=r"gentle: cap 40.0; valid: 1 to 30"):
         tci.Gentle(Go("left_arm", goal), cap=40.0)
+
+
+@pytest.mark.parametrize(("retreats", "words"), [(0.0, "can't give way there"), (0.3, "gives way")])
+def test_an_arm_that_is_kept_from_giving_way_tells_it(retreats: float, words: str) -> None:
+    robot = TouchedRobot("icub")
+    joints = robot.body.joint_maps["left_arm"]
+    gentle = tci.Gentle(Go("left_arm", robot.body.robot.part("left_arm").initial_posture + 0.4))
+    memory = gentle.init(robot.body)
+    for _ in range(30):
+        seen = robot.perceive("left_forearm", force=40.0)
+        assert seen.joints is not None
+        away = sum(-(robot.body.jacobian(seen, one).T @ one.n_T) for one in seen.contacts)
+        velocity = np.zeros(len(seen.joints.position))
+        velocity[joints.servos] = joints.slope(seen.joints.position).T @ (retreats * np.asarray(away))
+        moving = replace(seen, joints=replace(seen.joints, velocity=read_only(velocity)))
+        _, memory = gentle.step(memory, moving, robot.body)
+    assert words in gentle.notes(memory)[0]
 
 
 def test_it_gives_way_to_what_only_its_joints_bear() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 import tci
 from helpers.handled import Hand, HandledRobot
-from helpers.rigid_robot import AWAY, Person, RigidDriver
+from helpers.rigid_robot import AWAY, SURFACE_MASS, Person, RigidDriver
 from tci.messages import GenericCommand, JointReading, Mode, Order
 from tci.messages.frames import Array, read_only
 from tci.robot.description import Patch
@@ -22,6 +22,8 @@ from tci.runtime.loop import run
 from tci.skin.skin import Skin
 
 RADIUS = 0.03
+PAD = 0.01
+"""Mass [kg] of the skin of a soft hand: 50 g on 1.5 N/mm bounce for 18 ms, a lost contact and a blow."""
 HERE = 2.5
 """Time [s] for which the partner stays."""
 COMES = 1.0
@@ -92,7 +94,7 @@ def meet(
     """An arm meets a partner on a spring, who stands or moves towards it and back with up to `speed` [m/s]:
     on a way that nobody changes or, if `free`, as a hand that a person's arm moves.
     The arm thinks that its answer takes `delay` [s]. The trial ends `lasts` [s] after the first contact at
-    the latest. None if no skin of the arm goes ahead on its way, or nobody is met."""
+    the latest. None if no skin of the arm goes ahead on its way, or nobody is met from outside."""
     random, robot = np.random.default_rng(seed), tci.load_robot(name)
     part = str(random.choice([one.name for one in robot.parts if one.kind == "arm"]))
     start = np.deg2rad(random.uniform([10, 10, -10, 40, 0], [40, 35, 10, 80, 1]))
@@ -114,15 +116,16 @@ def meet(
     if not len(first):
         return None
     taxel = int(random.choice(first))
-    plant = HandledRobot(
-        robot, people=[Person("partner", stiffness, radius=RADIUS)], seed=seed, angles=angles, rate=rate
-    )
+    partner = Person("partner", stiffness, radius=RADIUS, surface=PAD if speed else SURFACE_MASS)
+    plant = HandledRobot(robot, people=[partner], seed=seed, angles=angles, rate=rate)
     T_TL = KinematicChain(robot).poses(angles, [patch.link])[patch.link]
     position, rotation = plant.link_pose(patch.link)
     R_WT = rotation @ T_TL[:3, :3].T
     place = position + R_WT @ (before[taxel] + RADIUS * normals[taxel] - T_TL[:3, 3])
     away = R_WT @ normals[taxel]
     plant.place("partner", place)
+    if min(plant.gaps("partner", place).values()) < 0.0:  # a bent arm would begin inside them
+        return None
     hand = Hand(plant, "partner", place, -away, speed)
     plant.hands = (hand,) if free else ()
     felt, joints = plant.felt["partner"], joint_map(robot, part)

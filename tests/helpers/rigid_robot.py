@@ -57,6 +57,8 @@ class Person:
     """[m]."""
     damping: float = 0.3
     """Ratio on its spring."""
+    surface: float = SURFACE_MASS
+    """Mass [kg] of its surface."""
 
 
 @dataclass(frozen=True)
@@ -209,11 +211,11 @@ class RigidRobot:
             base.explicitinertial = True
             _slides(base, f"{one.name} base", 0.0, 0.0)
         surface = base.add_body(name=f"{one.name} surface", gravcomp=1.0)
-        damping = 2.0 * one.damping * float(np.sqrt(one.stiffness * SURFACE_MASS))
+        damping = 2.0 * one.damping * float(np.sqrt(one.stiffness * one.surface))
         _slides(surface, f"{one.name} surface", one.stiffness, damping)
         kind = mujoco.mjtGeom.mjGEOM_CAPSULE if one.half else mujoco.mjtGeom.mjGEOM_SPHERE
         surface.add_geom(
-            name=one.name, type=kind, size=[one.radius, one.half, 0.0], mass=SURFACE_MASS, contype=PERSON,
+            name=one.name, type=kind, size=[one.radius, one.half, 0.0], mass=one.surface, contype=PERSON,
             conaffinity=ROBOT, condim=3, friction=[0.5, 0.005, 1e-4], solref=[2.0 * STEP, 1.0],
         )  # fmt: skip
 

@@ -149,7 +149,13 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
             orders += [move, expect]
             rates[part] = move.values
             pressed = max((one.force for one in pushes), default=0.0)
-            if pressed > 0.5 * self.cap:
+            whom = met.get(part)
+            if pushes and whom is not None and whom.holds(self.cap, self.delay):
+                said.append(
+                    f"{part} can't give way there: {pressed:.0f} N are on it; a joint's limit, the robot's "
+                    "own body or the gate keeps it"
+                )
+            elif pressed > 0.5 * self.cap:
                 said.append(
                     f"{part} gives way: {pressed:.0f} N are on it, and it presses with {self.cap:g} N"
                 )

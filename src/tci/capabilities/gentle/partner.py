@@ -66,6 +66,13 @@ class Partner:
         times, forces = np.array(self.frames)[:, :2].T
         return float(forces[-1] - np.interp(times[-1] - delay, times, forces))
 
+    def holds(self, cap: float, delay: float) -> bool:
+        """True if the arm stays where it is, although it was pressed above its cap for so long that it should
+        have gone away by a way that encoders see."""
+        (begin, _, start, _), (now, force, way, _) = self.frames[0], self.frames[-1]
+        lasts = min(now - begin, now - self.over) >= 0.75 * WINDOW * delay
+        return lasts and (force - cap) > 2.0 * LEAST_WAY * self.stiffness and start - way < LEAST_WAY
+
 
 def meet(
     met: Partner | None,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ast
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ from helpers.squeezed import squeeze
 from helpers.squeezes import draw
 from tci.body.generic_body import GenericBody, order_to_platform
 from tci.capabilities.capability import Capability
-from tci.errors import CommandError, UnknownNameError
+from tci.errors import CommandError, TciError, UnknownNameError
 from tci.gate.contact import reaction
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.contact.weights import bends
@@ -513,6 +513,21 @@ def test_a_part_may_give_way_or_stay_stiff_instead_of_going_back(answer: Literal
         assert held.at < held.sent[2] < held.at + np.deg2rad(10.0)
     with pytest.raises(UnknownNameError, match="tail"):
         Held(settings=GateSettings(contact=ContactSettings(answers={"tail": answer})))
+
+
+@pytest.mark.parametrize(
+    ("settings", "place"),
+    [
+        ({"answers": {"left_arm": "hug"}}, "left_arm answers by hug; valid: retreat, soft, stop"),
+        ({"felt": np.nan}, "felt nan; valid: 1 to 65"),
+        ({"felt": 1e9}, "felt 1000000000.0; valid: 1 to 65"),
+        ({"held": 0.2}, "held 0.2; valid: 0.001 to 0.105"),
+    ],
+)
+def test_a_setting_that_would_hide_contact_is_refused(settings: dict[str, Any], place: str) -> None:
+    """An unknown answer ended the loop at the first contact, and 1e9 N switched skin off in silence."""
+    with pytest.raises(TciError, match=f"contact: {place}"):
+        ContactSettings(**settings)
 
 
 def test_settings_change_while_nothing_is_in_contact() -> None:

@@ -544,7 +544,7 @@ def test_a_robot_that_moves_is_not_reset() -> None:
     for _ in range(50):
         driven.step()
     driven.gate.stop("it smokes")
-    with pytest.raises(CommandError, match=r"^the robot has not come to rest yet; valid: reset at rest$"):
+    with pytest.raises(CommandError, match=r"^the robot still moves; valid: reset at rest, after a stop$"):
         driven.gate.reset()
     assert str(driven.step().reason) == "it smokes"
 

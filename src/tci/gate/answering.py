@@ -114,7 +114,7 @@ class Answering:
         if stopped is not None and stopped.code in UNFIT:
             raise CommandError(f"no way is known: {stopped}; valid: free the person by hand")
         if not own.met:
-            raise CommandError("nothing is in contact; valid: free when SafeCommand.met names a part")
+            raise CommandError("nothing is in contact; valid: free while a part met something")
         own.free()
 
     def forget(self) -> None:

@@ -208,7 +208,7 @@ class Gate:
         until the robot is at rest.
         """
         if self._motion.moves:
-            raise CommandError("the robot has not come to rest yet; valid: reset at rest")
+            raise CommandError("the robot still moves; valid: reset at rest, after a stop")
         if touched := self._answering.touched:
             raise CommandError(
                 f"{', '.join(touched)} is still in contact; valid: reset when nothing presses, "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
@@ -11,12 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import CommandError
-from tci.gate.acceptance import (
-    by_servo,
-    check_angles,
-    check_command,
-    check_limits,
-)
+from tci.gate.acceptance import by_servo, check_angles, check_command, check_limits
 from tci.gate.bounds import MARGIN
 from tci.gate.commanded_groups import CommandedGroups
 from tci.gate.freshness import Freshness
@@ -386,13 +382,16 @@ class Motion:
             if abs(asked - allowed) > 2 * MARGIN:
                 name = self.robot.servos[servo].name
                 self._tally.clamps[name] += 1
-                text = f"{name}: {_amount(asked, unit)} asked, clamped to {_amount(allowed, unit)}"
+                digits = max(2, math.ceil(-math.log10(abs(asked - allowed))))  # so many that they differ
+                both = (_amount(value, unit, digits) for value in (asked, allowed))
+                text = f"{name}: {' asked, clamped to '.join(both)}"
                 clamped.append(Reason(Code.CLAMPED, text, (name,)))
         return clamped
 
 
-def _amount(value: float, unit: str) -> str:
-    """Returns a value with its unit. An angle is also given in degrees, so that a caller who confused radians
-    and degrees notices the error."""
-    text = f"{value:.2f} {unit}"
-    return f"{text} ({value * DEGREE:.2f} {unit.replace('rad', 'degrees')})" if "rad" in unit else text
+def _amount(value: float, unit: str, digits: int) -> str:
+    """Returns a value with its unit, with so many decimals. An angle is also given in degrees, so that a
+    caller who confused radians and degrees notices the error."""
+    text = f"{value:.{digits}f} {unit}"
+    degrees = f"{text} ({value * DEGREE:.{digits}f} {unit.replace('rad', 'degrees')})"
+    return degrees if "rad" in unit else text

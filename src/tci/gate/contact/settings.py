@@ -4,16 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
+from tci.errors import TciError
 from tci.robot.clearance import Fixture
+
+Own = Literal["retreat", "soft", "stop"]
+"""What a part does that made a contact: it goes back, gives way where it is, or stays stiff where its
+reference stopped."""
+RANGES = {
+    "held": (1e-3, float(np.deg2rad(6.0))), "lag": (1e-3, 1.0), "told": (0.0, 65.0), "felt": (1.0, 65.0),
+    "quiet": (0.1, 10.0),
+}  # fmt: skip
+"""Valid settings: beyond 6 degrees the joint monitor stops the robot, and 65 N are the least quasi-static
+limit of ISO/TS 15066."""
 
 
 @dataclass(frozen=True, slots=True)
 class ContactSettings:
-    """When a contact counts, and how the gate answers it."""
+    """When a contact counts, and how the gate answers it. Raises TciError for a setting out of range."""
 
     held: float = float(np.deg2rad(2.0))
     """Angle [rad] outside the recent references at which a joint counts as held. At half of it dry friction
@@ -31,9 +42,16 @@ class ContactSettings:
     """Whether a joint that stands while its reference goes on is held."""
     quiet: float = 0.5
     """Time [s] without contact after which the part obeys again."""
-    answers: Mapping[str, Literal["retreat", "soft", "stop"]] = field(default_factory=dict)
-    """What a generic part does that made a contact, by its name: go back (which is the default), give way
-    where it is, or stay stiff where its reference stopped."""
+    answers: Mapping[str, Own] = field(default_factory=dict)
+    """What a generic part does that made a contact, by its name; others go back."""
     fixtures: tuple[Fixture, ...] = ()
     """Tables and other things beside the robot: an arm that meets one stops there, since nobody is to be
     freed. What stands where nothing is declared may be somebody."""
+
+    def __post_init__(self) -> None:
+        for name, (least, most) in RANGES.items():
+            if not least <= getattr(self, name) <= most:
+                raise TciError(f"contact: {name} {getattr(self, name)}; valid: {least:.3g} to {most:.3g}")
+        for part, answer in self.answers.items():
+            if answer not in get_args(Own):
+                raise TciError(f"contact: {part} answers by {answer}; valid: {', '.join(get_args(Own))}")

@@ -84,7 +84,7 @@ def test_a_reset_in_motion_is_refused_since_the_stop_would_be_lost() -> None:
     with pytest.raises(CommandError, match="valid: reset at rest"):
         driven.gate.reset()
     driven.gate.stop("stop")
-    with pytest.raises(CommandError, match="not come to rest"):
+    with pytest.raises(CommandError, match="still moves"):
         driven.gate.reset()
     driven.settle()
     assert driven.gate.state is GateState.STOP

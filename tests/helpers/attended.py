@@ -58,7 +58,7 @@ class Seen:
     late: float
     """Time [s] by which the gaze came after its deadline; negative if it came before."""
     off: float
-    """Largest angle [deg] between gaze and place for half a second after it came, or after the deadline."""
+    """Angle [deg] between gaze and place within which it stayed for half a second, by the deadline."""
     best: float
     """Least angle [deg] that any angles of the joints leave: above 4 if the place is out of reach."""
     withdrew: bool
@@ -71,7 +71,7 @@ class Seen:
     def met(self) -> bool:
         """Gaze within 5 degrees of the place, or of as near as the joints go, by its deadline, and for half a
         second: an arm may withdraw so slowly that the gaze has come, and left, before the arm rests."""
-        return bool(self.kept) or (self.late <= 0.0 and self.off <= self.best + 5.0)
+        return bool(self.kept) or self.off <= self.best + 5.0
 
 
 class Judge:
@@ -192,17 +192,17 @@ def touch(name: str, seed: int) -> Seen | None:
     deadline = times[end] + 0.3 + np.radians(offs[end]) / (0.8 * limit)
     best = judge.best(place[0])
     stays = round(HALF / (times[1] - times[0]))
-    came = next((k for k in range(onset, len(times) - stays) if max(offs[k : k + stays]) <= best + 5.0), None)
-    late = np.inf if came is None else float(times[came] - deadline)
-    first = int(np.searchsorted(times, deadline)) if came is None else came
+    held = np.array([max(offs[k : k + stays]) for k in range(len(times) - stays)])
+    came = onset + np.flatnonzero(held[onset:] <= best + 5.0)
+    late = float(times[came[0]] - deadline) if len(came) else np.inf
+    off = float(held[onset : int(np.searchsorted(times, deadline)) + 1].min())
     kept = "a collision" if any("would come" in str(one) for one in result.clamps) else ""
     if any("head waits" in str(one) for one in result.went_back):
         kept = "the arm"
     if camera.level and offs[-1] > 5.0 and any("back to the hand" in note for note in notes):
         kept = "the finger"
     return Seen(
-        patch.name, offs[end], late, max(offs[first : first + stays], default=np.inf),
-        best, withdrew, kept, tuple(notes),
+        patch.name, offs[end], late, off, best, withdrew, kept, tuple(notes),
     )  # fmt: skip
 
 

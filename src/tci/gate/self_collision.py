@@ -129,7 +129,7 @@ class SelfCollision:
                 first, second = self._clearance.names(int(pairs[worst]))
                 return Reason(
                     Code.SELF_COLLISION,
-                    f"{first} would come {np.floor(then[worst] * 1e4) / 10.0:.1f} mm near {second}; "
+                    f"{first} would come {then[worst] * 1e3:.1f} mm near {second}; "
                     f"valid: at least {self.margin * 1e3:g} mm",
                     (first, second),
                 )

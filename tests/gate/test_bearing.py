@@ -19,6 +19,7 @@ from tci.messages import Mode
 from tci.messages.frames import read_only
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
+from tci.robot.gravity import Gravity
 
 PERIOD, JOINT, LIMIT = 0.01, "arm_left_2_joint", 100.0
 
@@ -68,6 +69,34 @@ def test_what_motion_friction_or_a_hand_explains_is_no_contact(
     assert not told(torque, speed=speed, steady=steady, stands=stands)
 
 
+def told_at_rest(torque: float, *, way: float, weight: float = 0.0) -> list[str]:
+    """What is told of a joint that goes up by `way` [rad] within a second, always accelerating or braking,
+    and bears `torque` [N m] from the last 0.1 s on, and `weight` times what its links weigh."""
+    robot = talos()
+    names = [servo.name for servo in robot.servos]
+    meets, own, found = ContactReaction(robot, groups_of(robot), ContactSettings()), names.index(JOINT), []
+    for step in range(180):
+        now = step * PERIOD
+        turn = np.pi * np.clip(now - 0.3, 0.0, 1.0)
+        angles, torques = np.zeros(len(names)), np.zeros(len(names))
+        angles[own], rate = 0.5 * way * (1.0 - np.cos(turn)), 0.5 * way * np.pi * np.sin(turn)
+        torques[own] = (torque if now > 1.2 else 0.0) + weight * Gravity(robot).torques(angles)[own]
+        asked = Reference(np.array([own]), (Mode.POSITION,), angles[[own]], np.array([rate]))
+        seen = replace(reading(angles, now), torque=read_only(torques))
+        found += [why.text for why in meets.step(seen, asked, now, None)[1]]
+    return found
+
+
+def test_whom_a_joint_met_while_it_braked_is_told_of_when_it_rests() -> None:
+    """Torques of all of a moment ago are with them already."""
+    assert f"{JOINT} bears 50.0 N m more" in told_at_rest(50.0, way=0.8)[0]
+
+
+def test_a_lever_that_grew_since_the_joint_rested_is_nobody() -> None:
+    """30 N m by the model, and a fifth more; 21 N m tell of somebody."""
+    assert not told_at_rest(0.0, way=1.5, weight=1.2)
+
+
 def next_way(torque: float, *, swings: float = 0.0) -> float | None:
     """How far [rad] the joint is sent when it has gone back and bears `torque` [N m] there, moving with
     `swings` [rad/s]; less than 0 is farther back. None if it is not sent anywhere."""
@@ -102,6 +131,11 @@ def test_after_a_way_back_a_joint_goes_on_while_it_presses_and_turns_if_somebody
     assert (next_way(-30.0) or 0.0) > 0.001
     assert (next_way(-30.0, swings=0.3) or 0.0) < -0.01
     assert (next_way(-30.0, swings=np.nan) or 0.0) > 0.001
+
+
+def test_a_joint_that_bears_the_opposite_after_a_way_back_does_not_go_on() -> None:
+    """Somebody may be behind it, though 12 of 100 N m don't tell for certain."""
+    assert (next_way(-12.0) or 0.0) > -0.001
 
 
 def hand(start: list[float], goal: list[float], link: str, point: list[float], at: list[float]) -> Squeeze:

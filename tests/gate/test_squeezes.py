@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from helpers.squeezed import Outcome, Squeeze, squeeze
+from helpers.squeezed import By, Outcome, Squeeze, squeeze
 from helpers.squeezes import draw, draw_in_elbow
 from tci.gate.settings import GateSettings
 from tci.messages import Mode
@@ -30,6 +30,31 @@ def freed(name: str, trial: Squeeze | None) -> Outcome:
 def test_a_withdrawal_does_not_leave_a_bystander_squeezed() -> None:
     robot = load_robot("icub")
     freed("icub", draw(robot, 10, by="reflex"))
+
+
+@pytest.mark.parametrize(
+    ("name", "seed", "by", "stops"), [("icub", 3, "reflex", None), ("talos", 10, "order", 0.363)]
+)
+def test_whom_an_arm_meets_while_it_accelerates_or_brakes_is_not_left_pressed(
+    name: str, seed: int, by: By, stops: float | None
+) -> None:
+    """53 N and 86 N were left for ever: of somebody who was met then no later torque told."""
+    robot = load_robot(name)
+    trial = replace(draw(robot, seed, by=by, below=by == "order"), stops=stops)
+    after = squeeze(robot, trial)
+    assert after.peak > 65.0, "this trial shows nothing"
+    assert after.half <= 65.0
+    assert after.late <= 30.0
+
+
+def test_whom_skin_told_of_does_not_hide_a_second_person_from_torques() -> None:
+    """40 N were left on them, and 126 N stood for 0.4 s while weak torques told where the first was."""
+    robot = load_robot("icub")
+    trial = replace(draw(robot, 14, below=True), stops=0.096)
+    after = squeeze(robot, trial, behind=0.01735)
+    assert after.other.peak > 65.0, "the second must be met"
+    assert after.other.over <= 0.2
+    assert max(after.late, after.other.late) <= 15.0
 
 
 def test_whom_a_soft_arm_strikes_is_no_weight_that_it_sinks_by() -> None:

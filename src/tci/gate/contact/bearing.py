@@ -1,7 +1,9 @@
 """Which joints bear more than a moment ago, by their measured torques: the earliest sign of a contact.
 
 While all references cruise, a robot's own motion changes torques slowly, and what accelerations take is known
-roughly. So what a joint bears more comes from outside, long before a stiff servo is bent by degrees.
+roughly. So what a joint bears more comes from outside, long before a stiff servo is bent by degrees. When
+references cruise or rest again, a joint is also compared with what it bore before they accelerated: whoever
+was met meanwhile would else count as what it always bore.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tci.errors import DescriptionError, UnknownNameError
+from tci.gate.contact.own_weight import OwnWeight
 from tci.gate.contact.weights import longest_levers
 from tci.gate.joint_monitor import Reference
 from tci.messages import JointReading, Mode
@@ -48,9 +51,9 @@ PIECE = 0.01
 class Bearing:
     """Compares measured torques with those of a moment ago."""
 
-    def __init__(self, robot: Robot, *, known: bool) -> None:
+    def __init__(self, robot: Robot, weight: OwnWeight, *, known: bool) -> None:
         """`known`: readings are so regular that it is known when joints accelerate."""
-        self._robot, self._known = robot, known
+        self._robot, self._weight, self._known = robot, weight, known
         levers = longest_levers(robot)
         limits = np.array([servo.limits.torque or np.inf for servo in robot.servos])
         self.least = np.where(levers > 0.0, np.maximum(SHARE * limits, BARE * levers), np.inf)
@@ -65,6 +68,7 @@ class Bearing:
         self._modes: tuple[Mode, ...] = ()
         self._loose, self._asked = np.zeros(0, bool), np.zeros(0, np.intp)
         self._torques: deque[tuple[float, Array]] = deque()
+        self._even: deque[_Even] = deque()
         self._latest = np.inf
         self.load({})
 
@@ -78,6 +82,7 @@ class Bearing:
     def forget(self) -> None:
         self._changes.clear()
         self._torques.clear()
+        self._even.clear()
         self._latest = np.inf
 
     def remember(self, reference: Reference, now: float) -> None:
@@ -100,26 +105,26 @@ class Bearing:
     @property
     def before(self) -> Borne | None:
         """What joints bore before a contact that is noticed now."""
-        torques = self._torques
-        known = torques and torques[-1][0] - torques[0][0] > ONSET
-        return Borne(torques[0][1], self.counts) if known else None
+        known = self._even and self._torques[-1][0] - self._even[0].stamp > ONSET
+        return self._borne(self._even[0], self.least) if known else None
 
-    def beyond(self, torque: Array | None, before: Borne | None) -> Array:
-        """By how much `torque` (n_servos,) is away from `before`, as multiples of what comes from outside; 0
+    def beyond(self, joints: JointReading, before: Borne | None) -> Array:
+        """By how much torques are away from `before` (n_servos,), as multiples of what comes from outside; 0
         where one is unknown."""
-        if torque is None or before is None:
+        if joints.torque is None or before is None:
             return np.zeros(len(self.least))
-        found: Array = (torque - before.torque) / before.counts
-        found[np.isnan(found)] = 0.0
-        return found
+        return _multiples(joints.torque - before.torque, self._counts(joints, before))
+
+    def _counts(self, joints: JointReading, before: Borne) -> Array:
+        return before.counts + np.abs(self._weight.torques(joints.position) - before.weight)
 
     def more(self, joints: JointReading, lag: float) -> Array:
-        """What each joint bears more than a moment ago (n_servos,), as multiples of what comes from outside;
-        0 without measured torques. Joints lag by `lag` [s] at most."""
+        """What each joint bears more than a moment ago, or than before references accelerated (n_servos,), as
+        multiples of what comes from outside; 0 without measured torques. Joints lag by `lag` [s] at most."""
         if joints.torque is None or not self._known:
             self.forget()  # nobody may compare what comes later with what was before
             return np.zeros(len(self.least))
-        torques, changes = self._torques, self._changes
+        torques, changes, even = self._torques, self._changes, self._even
         torques.append((joints.stamp, joints.torque))
         uneven = changes[-1].ended + lag if changes else -np.inf
         first = joints.stamp - MOMENT if joints.stamp <= uneven else max(joints.stamp - MOMENT, uneven)
@@ -128,9 +133,22 @@ class Bearing:
         while changes and changes[0].ended + lag < torques[0][0]:
             changes.popleft()
         self.counts = self.least + self._takes()
-        found = self.beyond(joints.torque, Borne(torques[0][1], self.counts))
+        found = _multiples(joints.torque - torques[0][1], self.counts)
+        while len(even) > 1 and joints.stamp - even[1].stamp > MOMENT:
+            even.popleft()
+        if joints.stamp > uneven:
+            even.append(_Even(joints.stamp, joints.torque, joints.position, self._velocity))
+            if even[0].stamp < first:
+                friction = self._viscous * (np.abs(even[0].velocity) + np.abs(self._velocity))
+                counts = self._counts(joints, self._borne(even[0], self.least + friction))
+                since = _multiples(joints.torque - even[0].torque, counts)
+                more = np.abs(since) > np.abs(found)
+                found, self.counts = np.where(more, since, found), np.where(more, counts, self.counts)
         found[self._asked] = 0.0  # somebody asks for these torques
         return found
+
+    def _borne(self, one: _Even, counts: Array) -> Borne:
+        return Borne(one.torque, counts, self._weight.torques(one.position))
 
     def _takes(self) -> Array:
         """By how much torques (n_servos,) [N m] may change since references changed their speed."""
@@ -143,6 +161,12 @@ class Bearing:
         return takes
 
 
+def _multiples(change: Array, counts: Array) -> Array:
+    found: Array = change / counts
+    found[np.isnan(found)] = 0.0
+    return found
+
+
 class Borne(NamedTuple):
     """What joints bore at one instant."""
 
@@ -150,6 +174,18 @@ class Borne(NamedTuple):
     """(n_servos,) [N m]."""
     counts: Array
     """Change (n_servos,) [N m] beyond which it comes from outside."""
+    weight: Array
+    """What the links took (n_servos,) [N m]: their levers may change."""
+
+
+class _Even(NamedTuple):
+    """A reading while references rest or cruise."""
+
+    stamp: float
+    torque: Array
+    position: Array
+    velocity: Array
+    """Of the references (n_servos,) [rad/s]."""
 
 
 class _Change(NamedTuple):

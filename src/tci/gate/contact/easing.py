@@ -9,16 +9,14 @@ from collections.abc import Set as AbstractSet
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.errors import DescriptionError, UnknownNameError
 from tci.gate.contact.group import Group
+from tci.gate.contact.own_weight import OwnWeight
 from tci.gate.contact.weights import FRICTION, MOST, SOFT, bends
 from tci.messages import Contact
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
-from tci.robot.gravity import DOWN, Gravity
 from tci.robot.joint_calibration import Tool
-from tci.robot.kinematics import KinematicChain
 
 LEAST = 0.1
 """Share of the stiffness that is left at least: dry friction holds a joint with half of it."""
@@ -30,18 +28,12 @@ rises in 2 s, so slowly that somebody above it is noticed first."""
 class Easing:
     """Knows which share of its stiffness holds a part's weight. Without masses it keeps the whole."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, weight: OwnWeight) -> None:
         self._torque = np.array([servo.limits.torque or np.nan for servo in robot.servos])
-        self._gravity: Gravity | None = None
+        self._weight = weight
         self._eased = set[int]()
         self._full = dict[int, float]()  # shares before, of those that are still softer
         self._raised = -np.inf  # when [s]
-        try:
-            self._gravity, self._chain = Gravity(robot), KinematicChain(robot)
-        except (DescriptionError, UnknownNameError):
-            return
-        self._root = self._chain.links[0]
-        self._down = self._turn(np.zeros(len(robot.servos))).T @ DOWN
 
     def load(self, robot: Robot, tools: Mapping[str, Tool]) -> None:
         """Notes what links carry, by the name of the link."""
@@ -97,9 +89,9 @@ class Easing:
             position: where the robot was last seen (n_servos,) [rad].
             powered: which servos have power (n_servos,), if that is known.
         """
-        if self._gravity is None:
+        if not self._weight.known:
             return {}
-        least = np.clip(self._bent(self._gravity, position) / MOST, LEAST, 1.0)[group.servos]
+        least = np.clip(self._bent(position) / MOST, LEAST, 1.0)[group.servos]
         on = np.ones(len(position), bool)
         if powered is not None and powered.shape == on.shape:
             on = powered
@@ -132,12 +124,12 @@ class Easing:
             now: time [s].
         """
         found = dict[int, float]()
-        if self._gravity is None or not self._full or 0.0 <= now - self._raised < EVERY:
+        if not self._weight.known or not self._full or 0.0 <= now - self._raised < EVERY:
             return found
         self._raised = now
         on = commanded if powered is None else commanded[powered[commanded]]
         mine = self._full.keys() & on.tolist()
-        bent = self._bent(self._gravity, position)
+        bent = self._bent(position)
         for group in groups.values():
             own, rises = group.own & mine, group.goal is None and pressed.isdisjoint(group.parts)
             for servo in own:
@@ -153,22 +145,16 @@ class Easing:
     def weights(self, position: Array) -> Array:
         """Angles (n_servos,) [rad] by which links bend joints of full stiffness below their references; 0
         where masses are unknown, or where friction or what a hand carries may bend it the other way."""
-        if self._gravity is None:
+        if not self._weight.known:
             return np.zeros(len(position))
-        bent = self._own(self._gravity, position)
+        bent = self._own(position)
         return np.where(np.abs(bent) > SOFT * FRICTION + self._loaded, bent, 0.0)
 
-    def _bent(self, gravity: Gravity, position: Array) -> Array:
+    def _bent(self, position: Array) -> Array:
         """Angles (n_servos,) [rad] by which weights bend joints of full stiffness."""
-        bent: Array = np.abs(self._own(gravity, position)) + self._loaded
+        bent: Array = np.abs(self._own(position)) + self._loaded
         return bent
 
-    def _own(self, gravity: Gravity, position: Array) -> Array:
-        weight = gravity.torques(position, down=self._turn(position) @ self._down)
-        bent: Array = SOFT * weight / self._torque
+    def _own(self, position: Array) -> Array:
+        bent: Array = SOFT * self._weight.torques(position) / self._torque
         return bent
-
-    def _turn(self, position: Array) -> Array:
-        """Rotation (3, 3) of the root in the torso frame; the root stays upright while a torso leans."""
-        turn: Array = self._chain.poses(position, [self._root])[self._root][:3, :3]
-        return turn

@@ -111,7 +111,7 @@ class Group:
 
     def bears(self, joints: JointReading, bearing: Bearing) -> Array:
         """What its joints bear more than before the contact (k,), as `Seen.bears`."""
-        return bearing.beyond(joints.torque, self.before)[self.servos]
+        return bearing.beyond(joints, self.before)[self.servos]
 
     def back(self, seen: Seen, before: float, *, pulled: bool) -> Array:
         """Where its way back ends (k,) [rad] that leaves what it met after `before` [s], or (`pulled`) what

@@ -27,6 +27,9 @@ SOONER = 0.05
 """The same [s] for what is noticed within a few readings or frames: a joint bears more, or skin feels."""
 SIGN = 0.2
 """Fraction of the torque that counts from which on its sign tells where somebody is: more than noise."""
+PUSHES = 0.5
+"""The same from which on signs of all joints together tell where it pushes: twice what dry friction is that
+turned."""
 TWICE = 2
 """Successive readings that must show it: a single one may be late."""
 
@@ -71,7 +74,7 @@ class Seen(NamedTuple):
     @property
     def push(self) -> Array:
         """Where its joints push whom it meets (k,), as `bears`; as they move if torques tell nothing yet."""
-        if (np.abs(self.bears) > SIGN).any():
+        if (np.abs(self.bears) > PUSHES).any():
             return self.bears
         rates = self.rates
         found: Array = rates / max(float(np.abs(rates).max()), 1e-9)

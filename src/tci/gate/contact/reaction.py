@@ -21,6 +21,7 @@ from tci.gate.contact.felt import Felt
 from tci.gate.contact.group import MOVES, Group, Way, make_groups
 from tci.gate.contact.noticing import Seen, bounds
 from tci.gate.contact.onset import meet
+from tci.gate.contact.own_weight import OwnWeight
 from tci.gate.contact.scene import Scene
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.contact.softness import LIGHT
@@ -59,9 +60,10 @@ class ContactReaction:
         self._robot, self._settings = robot, settings
         balance = Balance(robot)
         self._groups, parts = make_groups(robot, groups, settings.answers, stands=balance.known)
-        self._scene = Scene(robot, settings, balance, self._groups, parts)
+        weight = OwnWeight(robot)
+        self._scene = Scene(robot, settings, balance, weight, self._groups, parts)
         self._waiting = Waiting(robot, self._groups)
-        self._easing = Easing(robot)
+        self._easing = Easing(robot, weight)
         self._position: Array | None = None
         self.load({})
         self._stamp = -np.inf

@@ -10,6 +10,7 @@ from tci.gate.contact.felt import FeltContact, FeltForces
 from tci.gate.contact.following import PROGRESS, Following
 from tci.gate.contact.group import Group
 from tci.gate.contact.noticing import Seen
+from tci.gate.contact.own_weight import OwnWeight
 from tci.gate.contact.places import Places
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.contact.softness import LIGHT
@@ -30,6 +31,7 @@ class Scene:
         robot: Robot,
         settings: ContactSettings,
         balance: Balance,
+        weight: OwnWeight,
         groups: Mapping[int, Group],
         parts: Mapping[str, Collection[int]],
     ) -> None:
@@ -41,7 +43,7 @@ class Scene:
         )
         self.things = Things(robot, settings.fixtures)
         self.places = Places(robot)
-        self.bearing = Bearing(robot, known=settings.stands)
+        self.bearing = Bearing(robot, weight, known=settings.stands)
         self.soles: list[Patch] = []
         """Those that are loaded."""
         self.contacts: Collection[Contact] = ()

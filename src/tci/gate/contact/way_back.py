@@ -57,7 +57,9 @@ def go_on(scene: Scene, group: Group, seen: Seen) -> Array | None:
     most = float(np.abs(seen.bears).max()) * (1.0 if rests else SWINGS)
     against = float(np.dot(seen.bears, group.push)) < -SIGN
     behind = most > 1.0 and group.first.may_turn and against
-    pressed = behind or (most > STILL and bool(group.path))
+    # who is behind it would be pressed more
+    further = bool(group.path) and not (against and rests)
+    pressed = behind or (most > STILL and further)
     still = held or seen.felt.force > LIGHT
     thing = bool(group.thing) and (still or bent or pressed) and scene.thing(group, seen) is not None
     # at a thing there is no way back: what it bears there is no reason to go on

@@ -2,8 +2,8 @@
 
 While all references cruise, a robot's own motion changes torques slowly, and what accelerations take is known
 roughly. So what a joint bears more comes from outside, long before a stiff servo is bent by degrees. When
-references cruise or rest again, a joint is also compared with what it bore before they accelerated: whoever
-was met meanwhile would else count as what it always bore.
+references rest again, a joint is also compared with what it bore before they accelerated: whoever was met
+meanwhile would else count as what it always bore.
 """
 
 from __future__ import annotations
@@ -138,11 +138,13 @@ class Bearing:
             even.popleft()
         if joints.stamp > uneven:
             even.append(_Even(joints.stamp, joints.torque, joints.position, self._velocity))
-            if even[0].stamp < first:
-                friction = self._viscous * (np.abs(even[0].velocity) + np.abs(self._velocity))
+            # at rest nothing that moves loads a joint
+            if even[0].stamp < uneven and np.abs(self._velocity).max(initial=0.0) <= EVEN:
+                friction = self._viscous * np.abs(even[0].velocity)
                 counts = self._counts(joints, self._borne(even[0], self.least + friction))
                 since = _multiples(joints.torque - even[0].torque, counts)
-                more = np.abs(since) > np.abs(found)
+                # one that bears less was loaded by motion
+                more = (np.abs(since) > np.abs(found)) & (np.abs(joints.torque) > np.abs(even[0].torque))
                 found, self.counts = np.where(more, since, found), np.where(more, counts, self.counts)
         found[self._asked] = 0.0  # somebody asks for these torques
         return found

@@ -12,9 +12,12 @@ from helpers.gentled import Go, meet
 from tci.body import PEOPLE, Struck, first_peak
 from tci.capabilities import Sway, SwayMemory
 from tci.capabilities.gentle.capability import GentleMemory
-from tci.errors import CommandError, TciError
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import CommandError, TciError, UnknownNameError
+from tci.gate import GateState
 from tci.messages import ExpectContact, GenericCommand, Mode, SwitchMode
 from tci.messages.frames import read_only
+from tci.simulation.world import World
 from tci.testing import TouchedRobot
 
 
@@ -166,6 +169,27 @@ def test_it_declares_the_contact_that_it_handles_and_tells_it() -> None:
     assert "left_arm gives way" in gentle.notes(memory)[0]
     with pytest.raises(TciError, match=r"gentle: cap 40.0; valid: 1 to 30"):
         tci.Gentle(Go("left_arm", goal), cap=40.0)
+    with pytest.raises(UnknownNameError, match="left_wing"):
+        tci.Gentle(Go("left_arm", goal), parts=("left_wing",)).init(robot.body)
+
+
+def test_it_goes_no_faster_than_it_is_told_but_gives_way_as_fast_as_it_can() -> None:
+    """A NAO that swayed slowly was pushed 16 degrees off, and stopped."""
+    robot, fastest = tci.load_robot("nao"), [0.0, 0.0]
+    world = World(robot, people=1)
+    world.touch("push 'left forearm'")
+
+    def watch(tick: tci.Tick) -> None:
+        pressed = bool(tick.perception and tick.perception.contacts)
+        for one in tick.commands:
+            if isinstance(one, GenericCommand) and one.part == "left_arm":
+                fastest[pressed] = max(fastest[pressed], float(np.abs(one.values).max()))
+
+    result = tci.run(SimulatedDriver(robot, world=world), tci.Gentle(Sway()), duration=1.5, observe=watch)
+    assert result.state is GateState.RUN
+    slowly = 2.0 * Sway().angle / Sway().turn
+    assert fastest[0] <= slowly + 1e-9
+    assert fastest[1] > 2.0 * slowly
 
 
 @pytest.mark.parametrize(("retreats", "words"), [(0.0, "can't give way there"), (0.3, "gives way")])

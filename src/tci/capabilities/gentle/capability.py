@@ -108,6 +108,9 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
         return replace(memory, inner=inner)
 
     def init(self, body: GenericBody) -> GentleMemory[Memory]:
+        """Raises UnknownNameError for a part that the robot lacks."""
+        for part in self.parts:
+            body.robot.part(part)
         return GentleMemory(self.inner.init(body))
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
@@ -195,6 +198,8 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
         want = GAIN * (target.values - perception.posture[part])
         lengths = sum(one.length for one in body.robot.part(part).segments) or 0.5
         want *= min(1.0, speed / max(float(np.abs(want).sum()) * lengths, 1e-9))
+        if target.speed is not None:  # but it gives way as fast as it can
+            want *= min(1.0, float(np.min(target.speed / np.maximum(np.abs(want), 1e-9))))
         if own:
             coming = met.coming if met is not None else 0.0
             most = [(self.cap - one.force) / damping - coming for one in own]
@@ -204,7 +209,7 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
                 most = [min(one, 0.0) for one in most]
             want = slowed(want, np.array([one.into for one in own]), most)
         return (
-            GenericCommand(part, Mode.VELOCITY, read_only(want), target.speed),
+            GenericCommand(part, Mode.VELOCITY, read_only(want)),
             ExpectContact(part, EXPECTED),
         )
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 
+import mujoco
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -26,6 +28,8 @@ RADIUS = Person.radius
 """Of somebody [m]."""
 TRIES, PLACES = 400, 2000
 """Ways are drawn of which one may end with somebody between two links, and places for each way."""
+DEEP = 5e-3
+"""Depth [m] by which links may be nearer at the start than in the posture in which a robot begins."""
 WIDE, NEAR = 0.4, 0.15
 """Reach of postures: an arm that is tapped starts clear of the robot, from which no reflex frees it."""
 ELBOW = JOINTS.index("elbow_pitch")
@@ -118,7 +122,7 @@ def _between(
             one = replace(
                 free, start=start, goal=goal, at=places[k], link=str(links[by[k]]), point=own_places[by[k]]
             )
-            if not _touches(robot, one):
+            if not _inside(robot, one):
                 return one
     return None
 
@@ -180,7 +184,7 @@ def _try(
             p, r = pose[name]
             if np.linalg.norm(p + vertices_of(plant, name) @ r.T - at, axis=1).min() < 0.031:
                 return None
-    return None if _touches(robot, one) else one
+    return None if _inside(robot, one) else one
 
 
 def _ahead(plant: RigidRobot, path: Path, link: str, index: int, rate: float) -> Array:
@@ -192,12 +196,30 @@ def _ahead(plant: RigidRobot, path: Path, link: str, index: int, rate: float) ->
     return np.zeros(3) if far < 2e-3 else ahead / far
 
 
-def _touches(robot: Robot, one: Squeeze) -> bool:
-    """True if the person would stand inside the robot at the start: convex hulls stick out of meshes."""
+def _inside(robot: Robot, one: Squeeze) -> bool:
+    """True if the person would stand inside the robot at the start, since convex hulls stick out of meshes,
+    or the arm inside the rest of it: no gate lets an arm go through its own body."""
+    plant = plant_of(robot, one)
+    arm = links_of(robot, plant, one.part, 1)
+    usual = _gaps(plant, arm, angles_of(robot, one.part, robot.part(one.part).initial_posture))
+    if (_gaps(plant, arm, angles_of(robot, one.part, one.start)) < np.minimum(usual, 0.0) - DEEP).any():
+        return True
     plant = plant_of(robot, one)
     plant.place("person", one.at)
     plant.advance(0.01)
     return plant.felt["person"].first is not None
+
+
+def _gaps(plant: RigidRobot, arm: list[str], angles: Array) -> Array:
+    """Distances (n,) [m] of the arm's solids from those of other links, at most `DEEP`; below 0 inside."""
+    model, data = plant.model, plant.data
+    plant.pose(angles)
+    solids: dict[bool, list[int]] = {True: [], False: []}
+    for body in plant._own:
+        geoms = range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body])
+        solids[model.body(body).name in arm] += geoms
+    pairs = product(solids[True], solids[False])
+    return np.array([mujoco.mj_geomDistance(model, data, *pair, DEEP, None) for pair in pairs])
 
 
 def _posture(robot: Robot, part: str, random: Random, reach: float = WIDE) -> Array:

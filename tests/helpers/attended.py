@@ -123,6 +123,9 @@ LASTS = 4.5
 """Length of a trial [s]: a slow withdrawal, a slow neck, and a second of looking."""
 HALF = 0.5
 """Time [s] for which the gaze must stay."""
+WAITS = 1.0
+"""Time [s] by which the gaze may be late if it is told that it waits: the gate holds a neck back until half a
+second after an arm's contact."""
 FRAME = 0.02
 """Period [s] of a skin: a finger that glances off within it touched nothing."""
 
@@ -197,7 +200,7 @@ def touch(name: str, seed: int) -> Seen | None:
     late = float(times[came[0]] - deadline) if len(came) else np.inf
     off = float(held[onset : int(np.searchsorted(times, deadline)) + 1].min())
     kept = "a collision" if any("would come" in str(one) for one in result.clamps) else ""
-    if any("head waits" in str(one) for one in result.went_back):
+    if late <= WAITS and any("head waits" in str(one) for one in result.went_back):
         kept = "the arm"
     if camera.level and offs[-1] > 5.0 and any("back to the hand" in note for note in notes):
         kept = "the finger"

@@ -200,14 +200,16 @@ def _inside(robot: Robot, one: Squeeze) -> bool:
     """True if the person would stand inside the robot at the start, since convex hulls stick out of meshes,
     or the arm inside the rest of it: no gate lets an arm go through its own body."""
     plant = plant_of(robot, one)
-    arm = links_of(robot, plant, one.part, 1)
-    usual = _gaps(plant, arm, angles_of(robot, one.part, robot.part(one.part).initial_posture))
-    if (_gaps(plant, arm, angles_of(robot, one.part, one.start)) < np.minimum(usual, 0.0) - DEEP).any():
-        return True
-    plant = plant_of(robot, one)
     plant.place("person", one.at)
     plant.advance(0.01)
-    return plant.felt["person"].first is not None
+    if plant.felt["person"].first is not None:
+        return True
+    arm = links_of(robot, plant, one.part, 1)
+    usual, start = (
+        _gaps(plant, arm, angles_of(robot, one.part, posture))
+        for posture in (robot.part(one.part).initial_posture, one.start)
+    )
+    return bool((start < np.minimum(usual, 0.0) - DEEP).any())
 
 
 def _gaps(plant: RigidRobot, arm: list[str], angles: Array) -> Array:

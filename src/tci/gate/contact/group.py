@@ -6,7 +6,7 @@ import logging
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from tci.gate.contact.bearing import Bearing, Borne
 from tci.gate.contact.noticing import Noticing, Seen
 from tci.gate.contact.others import First
 from tci.gate.contact.path import Path
+from tci.gate.contact.settings import OnContact
 from tci.gate.contact.softness import Softness
 from tci.gate.contact.streams import Stream
 from tci.gate.contact.weights import Sag, Sags
@@ -51,11 +52,11 @@ class Group:
 
     servos: NDArray[np.intp]
     parts: tuple[str, ...]
-    wanted: Literal["retreat", "soft", "stop"] = "retreat"
+    wanted: OnContact = "retreat"
     """What it does that made a contact."""
     waist: bool = False
     """It carries the upper body of a robot that stands."""
-    answer: Literal["retreat", "soft", "stop"] = "retreat"
+    answer: OnContact = "retreat"
     """What it does now."""
     path: Path = field(default_factory=Path)
     noticing: Noticing = field(default_factory=Noticing)
@@ -134,7 +135,7 @@ class Group:
 def make_groups(
     robot: Robot,
     numbers: Sequence[int],
-    answers: Mapping[str, Literal["retreat", "soft", "stop"]],
+    answers: Mapping[str, OnContact],
     *,
     stands: bool,
 ) -> tuple[dict[int, Group], dict[str, set[int]]]:

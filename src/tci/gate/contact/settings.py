@@ -11,7 +11,7 @@ import numpy as np
 from tci.errors import TciError
 from tci.robot.clearance import Fixture
 
-Own = Literal["retreat", "soft", "stop"]
+OnContact = Literal["retreat", "soft", "stop"]
 """What a part does that made a contact: it goes back, gives way where it is, or stays stiff where its
 reference stopped."""
 RANGES = {
@@ -42,7 +42,7 @@ class ContactSettings:
     """Whether a joint that stands while its reference goes on is held."""
     quiet: float = 0.5
     """Time [s] without contact after which the part obeys again."""
-    answers: Mapping[str, Own] = field(default_factory=dict)
+    answers: Mapping[str, OnContact] = field(default_factory=dict)
     """What a generic part does that made a contact, by its name; others go back."""
     fixtures: tuple[Fixture, ...] = ()
     """Tables and other things beside the robot: an arm that meets one stops there, since nobody is to be
@@ -52,6 +52,7 @@ class ContactSettings:
         for name, (least, most) in RANGES.items():
             if not least <= getattr(self, name) <= most:
                 raise TciError(f"contact: {name} {getattr(self, name)}; valid: {least:.3g} to {most:.3g}")
+        able = get_args(OnContact)
         for part, answer in self.answers.items():
-            if answer not in get_args(Own):
-                raise TciError(f"contact: {part} answers by {answer}; valid: {', '.join(get_args(Own))}")
+            if answer not in able:
+                raise TciError(f"contact: {part} answers by {answer}; valid: {', '.join(able)}")

@@ -290,6 +290,50 @@ def test_a_stream_that_a_contact_interrupts_begins_anew_after_a_pause() -> None:
     assert not held.safe.refusals
 
 
+def streamed(held: Held, periods: int, *velocities: float) -> None:
+    """Velocities [rad/s] of joints 2 and 3, one each period."""
+    for _ in range(periods):
+        held.step(replace(position_command([2, 3], velocities), mode=Mode.VELOCITY))
+
+
+def in_velocity_mode() -> Held:
+    held, robot = Held(), make_robot(modes=(Mode.POSITION, Mode.VELOCITY))
+    held.gate = Gate(robot, period=PERIOD, stale_after=0.05, settings=ANSWERS, streams=True)
+    held.step(PlatformSwitch(np.array([2, 3]), Mode.VELOCITY))
+    return held
+
+
+def test_a_stream_of_velocities_that_a_contact_interrupts_does_not_go_on() -> None:
+    """It struck the same person three times, until the gate stopped."""
+    held = in_velocity_mode()
+    streamed(held, 2500, 1.0, 0.0)
+    assert held.gate.state is GateState.RUN, held.gate.reason
+    assert len(held.told) == 1
+    assert held.sent[2] < held.at
+    streamed(held, 1, 0.5, 1.0)
+    assert "valid: velocities of 0, or back" in held.safe.refusals[0].text
+    streamed(held, 1, -0.5, 1.0)
+    assert not held.safe.refusals
+
+
+@pytest.mark.parametrize("between", ["rests", "pauses"])
+def test_a_stream_of_velocities_goes_on_after_it_rested(between: str) -> None:
+    held = in_velocity_mode()
+    streamed(held, 1200, 1.0, 0.0)
+    streamed(held, 1, 0.0, 0.0) if between == "rests" else [held.step() for _ in range(150)]
+    streamed(held, 50, 0.3, 0.0)
+    assert not held.safe.refusals
+    assert held.safe.velocity[0] > 0.0
+
+
+def test_a_capability_that_handles_contact_goes_on_after_one() -> None:
+    held = in_velocity_mode()
+    for _ in range(600):
+        held.step(expect(30.0))
+        streamed(held, 1, 1.0, 0.0)
+    assert len(held.told) > 1
+
+
 def test_reset_moves_nothing_and_waits_for_the_contact_to_end() -> None:
     held = Held()
     held.step(position_command([2], [1.5]))

@@ -25,7 +25,7 @@ from tci.gate.contact.own_weight import OwnWeight
 from tci.gate.contact.scene import Scene
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.contact.softness import LIGHT
-from tci.gate.contact.streams import NEAR, PAUSE
+from tci.gate.contact.streams import PAUSE, STREAMED
 from tci.gate.contact.waiting import Waiting
 from tci.gate.contact.way_back import go_on, release
 from tci.gate.contact.weights import bends
@@ -97,7 +97,14 @@ class ContactReaction:
         found = [
             one
             for one in self._groups_of(order.servos)
-            if one.stream.refuses(self._robot, order, position, now, blocked=bool(blocked & one.own))
+            if one.stream.refuses(
+                self._robot,
+                order,
+                position,
+                now,
+                blocked=bool(blocked & one.own),
+                handled=self._scene.handled(one) > 0.0,
+            )
         ]
         if blocked:
             parts = ", ".join(self.touched) or self._robot.servos[min(blocked)].robot_part
@@ -105,8 +112,8 @@ class ContactReaction:
         if found:
             names = ", ".join(one.name for one in found)
             return (
-                f"{names} met something while this stream of orders went on; valid: one that begins within "
-                f"{NEAR:g} degrees of where it is, or no order for {PAUSE:g} s"
+                f"{names} met something while this stream of orders went on; valid: {STREAMED[order.mode]}, "
+                f"or no order for {PAUSE:g} s"
             )
         return None
 

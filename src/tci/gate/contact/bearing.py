@@ -65,6 +65,7 @@ class Bearing:
         fastest = np.array([servo.limits.velocity or np.inf for servo in robot.servos])
         self._viscous = VISCOUS * np.where(np.isfinite(limits), limits, 0.0) / fastest
         self._changes: deque[_Change] = deque()
+        self._changed = -np.inf  # when [s] references changed their speed last
         self._modes: tuple[Mode, ...] = ()
         self._loose, self._asked = np.zeros(0, bool), np.zeros(0, np.intp)
         self._torques: deque[tuple[float, Array]] = deque()
@@ -83,7 +84,7 @@ class Bearing:
         self._changes.clear()
         self._torques.clear()
         self._even.clear()
-        self._latest = np.inf
+        self._latest, self._changed = np.inf, -np.inf
 
     def remember(self, reference: Reference, now: float) -> None:
         """Notes how fast references accelerate at `now` [s]."""
@@ -91,6 +92,7 @@ class Bearing:
         self._velocity[reference.servos] = reference.velocity
         change, lasts = np.abs(self._velocity - before), max(now - self._latest, SHORTEST)
         if change.max(initial=0.0) > EVEN:
+            self._changed = now
             rate, began, last = change / lasts, now, self._changes[-1] if self._changes else None
             if last and now - last.began < PIECE:
                 began, change, rate = last.began, last.change + change, np.maximum(last.rate, rate)
@@ -126,7 +128,7 @@ class Bearing:
             return np.zeros(len(self.least))
         torques, changes, even = self._torques, self._changes, self._even
         torques.append((joints.stamp, joints.torque))
-        uneven = changes[-1].ended + lag if changes else -np.inf
+        uneven = self._changed + lag
         first = joints.stamp - MOMENT if joints.stamp <= uneven else max(joints.stamp - MOMENT, uneven)
         while torques[0][0] < first:
             torques.popleft()

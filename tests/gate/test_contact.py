@@ -290,6 +290,15 @@ def test_a_stream_that_a_contact_interrupts_begins_anew_after_a_pause() -> None:
     assert not held.safe.refusals
 
 
+def test_a_stream_that_a_contact_interrupts_does_not_go_on_after_a_reset() -> None:
+    held = Held()
+    for step in range(2500):
+        held.step(position_command([2], [1.5]))
+        if step == 1500:
+            held.gate.reset()
+    assert len(held.told) == 1
+
+
 def streamed(held: Held, periods: int, *velocities: float) -> None:
     """Velocities [rad/s] of joints 2 and 3, one each period."""
     for _ in range(periods):

@@ -183,7 +183,6 @@ class ContactReaction:
             group.since, group.free, group.moved = np.inf, None, -np.inf
             group.until, group.led = -np.inf, None
             group.noticing.forget()
-            group.stream.forget()
             if group.goal is None:
                 group.path.clear()
 

@@ -27,7 +27,8 @@ def led(scene: Scene, group: Group, seen: Seen) -> bool:
         # its way back would press them or, if somebody handled them so far, would not leave them
         alone = min(seen.felt.sides) <= allowed and not group.noticing.sure
         goes = leaves(scene, group, seen) or (came > ROOM and speed <= 0.0)
-        leads = came > -ROOM if handled else alone and goes
+        went = group.led is None and seen.felt.made > allowed and speed > 0.0
+        leads = came > -ROOM and not went if handled else alone and goes
         group.led = strongest if leads and into.any() else None
     if came > (ROOM if group.led is None else 0.0):
         group.path.clear()  # what it goes into them later is its way back

@@ -122,19 +122,19 @@ def test_an_arm_of_a_standing_robot_goes_back_only_if_it_still_stands() -> None:
     assert margin(turned(angles, ARM, at)) > 0.0 > margin(turned(angles, ARM, at - np.deg2rad(3.0)))
     begins = turned(angles, ARM, np.deg2rad(START))
     told, rests = met(begins, 0.5, ARM, goal=np.deg2rad(90.0), at=at)
-    assert told.endswith("it goes back"), "no sole is loaded"
+    assert told.endswith("it goes back softly"), "no sole is loaded"
     assert rests < at - np.deg2rad(2.5)
     told, rests = met(begins, 50.0, ARM, goal=np.deg2rad(90.0), at=at)
     assert told.endswith("it gives way")
     assert abs(rests - at) < np.deg2rad(0.5)
     told, rests = met(begins, 50.0, PLACE["RShoulderPitch"], goal=np.deg2rad(20.0), at=np.deg2rad(45.0))
-    assert told.endswith("it goes back"), "the other arm's way leads back over the sole"
+    assert told.endswith("it goes back softly"), "the other arm's way leads back over the sole"
 
 
 def test_the_waist_of_a_standing_robot_stays_stiff() -> None:
     robot = load_robot("icub-whole")
     waist = next(servo.index for servo in robot.servos if servo.name == "torso_pitch")
-    for force, fits, does in ((50.0, 1, "it stops"), (50.0, 60, "it stops"), (0.0, 1, "it goes back")):
+    for force, fits, does in ((50.0, 1, "it stops"), (50.0, 60, "it stops"), (0.0, 1, "it goes back softly")):
         angles, at = np.array(initial_position(robot)), np.deg2rad(10.0)
         told, rests = met(angles, force, waist, goal=np.deg2rad(30.0), at=at, robot=robot, fits=fits)
         assert told.endswith(does)

@@ -12,8 +12,12 @@ from helpers import squeezed
 from helpers.gate_checks import position_command, reading
 from helpers.rigid_robot import RigidRobot
 from helpers.squeezed import Squeeze, squeeze
+from tci.gate.contact.easing import Easing
+from tci.gate.contact.group import make_groups
+from tci.gate.contact.own_weight import OwnWeight
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.gate import Gate, GateSettings, GateState
+from tci.gate.joint_group import groups_of
 from tci.messages import Contacts, Mode, PlatformCommand, Reading
 from tci.messages.contacts import CONTACT, TAXEL, Site
 from tci.messages.frames import Array, read_only
@@ -135,6 +139,41 @@ def test_no_joint_becomes_stiffer_and_none_is_switched_on() -> None:
 def test_what_a_hand_carries_is_held() -> None:
     empty, full = eased(), eased(load=1.0)
     assert full.get(ROLL, 1.0) > empty[ROLL] + 0.1
+
+
+@pytest.mark.parametrize(("behind", "factor"), [(False, 1.0), (True, 1.5)])
+def test_on_a_way_back_joints_bear_little_more_than_their_weight_and_friction(
+    behind: bool, factor: float
+) -> None:
+    """One that stays behind its reference gets stiffness back, as much as holds its weight."""
+    group = next(one for one in make_groups(ROBOT, groups_of(ROBOT), {}, stands=False)[0].values()
+                 if "left_arm" in one.parts)  # fmt: skip
+    position, count = np.array(initial_position(ROBOT)), len(group.servos)
+    limits = np.array([servo.limits.torque for servo in ROBOT.servos], float)
+    easing = Easing(ROBOT, OwnWeight(ROBOT))
+    easing.load(ROBOT, {})
+    holds = 1.5 * (np.abs(Gravity(ROBOT).torques(position)) + 0.05 * limits)[group.servos]
+
+    def bearing(torque: Array, now: float, behind: bool) -> None:
+        whole = np.zeros(len(limits))
+        whole[group.servos] = torque
+        joints = replace(reading(position, now), torque=read_only(whole))
+        easing.yields(group, joints, np.full(count, behind), now)
+
+    torque = 0.5 * limits[group.servos]
+    bearing(torque, 1.0, False)
+    most = group.sags.shares.copy()
+    assert (most * torque <= holds * 1.001).all()
+    bearing(torque, 1.01, False)
+    np.testing.assert_array_equal(group.sags.shares, most, "no reading told of the new shares yet")
+    bearing(torque, 1.04, False)
+    soft = group.sags.shares.copy()
+    assert (soft < most).all()
+    bearing(0.2 * holds, 1.08, behind)
+    np.testing.assert_allclose(group.sags.shares, factor * soft, rtol=0.01)
+    for step in range(20):
+        bearing(0.2 * holds, 1.12 + 0.04 * step, True)
+    np.testing.assert_allclose(group.sags.shares, most, rtol=0.01)
 
 
 def test_a_torso_that_leans_does_not_change_which_way_is_down() -> None:

@@ -8,11 +8,14 @@ import pytest
 
 from helpers.squeezed import By, Outcome, Squeeze, squeeze
 from helpers.squeezes import draw, draw_in_elbow
+from tci.gate.contact.settings import ContactSettings
 from tci.gate.settings import GateSettings
 from tci.messages import Mode
 from tci.robot.catalogue import load_robot
 
 ALONE = GateSettings(contact=None)
+STIFF = GateSettings(contact=ContactSettings(softens=False))
+"""For servos that take no share of their stiffness."""
 
 
 def freed(name: str, trial: Squeeze | None) -> Outcome:
@@ -50,7 +53,7 @@ def test_whom_skin_told_of_does_not_hide_a_second_person_from_torques() -> None:
     """40 N were left on them, and 126 N stood for 0.4 s while weak torques told where the first was."""
     robot = load_robot("icub")
     trial = replace(draw(robot, 14, below=True), stops=0.096)
-    after = squeeze(robot, trial, behind=0.01735)
+    after = squeeze(robot, trial, behind=0.01735, settings=STIFF)
     assert after.other.peak > 65.0, "the second must be met"
     assert after.other.over <= 0.2
     assert max(after.late, after.other.late) <= 15.0
@@ -74,11 +77,27 @@ def test_a_stop_for_another_cause_frees_too() -> None:
     assert after.said[-1] == "another cause"
 
 
-def test_a_stream_that_is_cut_after_the_first_order_presses_on() -> None:
-    """So the judge can see it; it is told on the page."""
-    robot = load_robot("icub")
-    cut = squeeze(robot, draw(robot, 1), cut=True)
-    assert cut.late > 30.0
+def test_a_stiff_servo_whose_stream_is_cut_after_the_first_order_presses_on() -> None:
+    """That order makes a servo soft that can be soft."""
+    robot, trial = load_robot("icub"), draw(load_robot("icub"), 1)
+    assert squeeze(robot, trial, cut=True, settings=STIFF).late > 30.0
+    assert squeeze(robot, trial, cut=True).late <= 30.0
+
+
+@pytest.mark.parametrize(("name", "seed", "below"), [("talos", 18, True), ("g1", 6, True)])
+def test_an_arm_that_goes_back_does_so_softly(name: str, seed: int, below: bool) -> None:
+    """A reference runs on while it brakes, and a stiff servo presses with its full torque meanwhile: 0.2 to
+    0.4 s above 65 N."""
+    robot, trial = load_robot(name), draw(load_robot(name), seed, below=below)
+    assert squeeze(robot, trial, settings=STIFF).over > 0.2, "this trial shows nothing"
+    freed(name, trial)
+
+
+def test_an_arm_that_gets_its_stiffness_back_does_not_press_again() -> None:
+    """Its reference had stopped 0.2 degrees inside them: nothing while it was soft, 47 N afterwards."""
+    trial = draw_in_elbow(load_robot("talos"), 0, by="gesture")
+    assert trial is not None
+    freed("talos", replace(trial, by="lesson"))
 
 
 def test_whoever_is_met_late_is_watched_for_two_seconds() -> None:

@@ -81,7 +81,7 @@ def test_an_arm_that_meets_a_declared_table_stops_but_not_if_somebody_may_lie_on
     assert ("left_arm met the fixture table: LShoulderPitch is held" in arm.told[0]) is not bool(between)
     assert arm.gate.state is GateState.RUN
     if between:
-        assert arm.told[0].endswith("it goes back")
+        assert arm.told[0].endswith("it goes back softly")
         assert rests < arm.at - np.deg2rad(2.5)
         return
     assert arm.told[0].endswith("it stops")
@@ -123,7 +123,7 @@ def test_what_an_arm_feels_where_it_touches_its_own_leg_is_nobody(side: float) -
     arm, contact = beside_its_leg()
     arm.run(0.5, goal=86.5, contacts=contact(side))
     assert ("met its own" in arm.told[0]) is (side > 0.0)
-    assert arm.told[0].endswith("it stops" if side > 0.0 else "it goes back")
+    assert arm.told[0].endswith("it stops" if side > 0.0 else "it goes back softly")
     stopped = arm.angles[PITCH]
     arm.gate.free()
     arm.run(1.0, contacts=contact(side))

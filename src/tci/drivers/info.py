@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Self
 
 from tci.gate.gate import Gate
-from tci.gate.settings import OVER_A_WIRE, GateSettings
+from tci.gate.settings import GateSettings, over_a_wire
 from tci.messages.clock import Clock
 from tci.robot.description import Robot
 from tci.robot.like import RobotLike, as_robot
@@ -17,6 +17,9 @@ STREAMS = "streams"
 """Key in `about` of `Gate.streams`, on which the gate's decisions depend."""
 HARMLESS = ("sim", "replay")
 """Names of the drivers that move no hardware. These drivers are armed by default."""
+SOFTEN = "unitree"
+"""The one whose robots take a share of the stiffness in every mode, and have no other stiffness than TCI's: a
+NAO's may have been set elsewhere, and would not get that back."""
 
 
 def moves_nothing_real(via: str) -> bool:
@@ -95,9 +98,10 @@ class DriverInfo:
         """
         robot = as_robot(robot)
         binding = robot.binding(middleware)
+        usual = GateSettings() if middleware in HARMLESS else over_a_wire(softens=middleware == SOFTEN)
         gate = Gate(
             robot, period=period or 1.0 / binding.rate, stale_after=binding.stale_after,
-            settings=settings or (GateSettings() if middleware in HARMLESS else OVER_A_WIRE), streams=streams,
+            settings=settings or usual, streams=streams,
         )  # fmt: skip
         return cls(
             robot=robot,

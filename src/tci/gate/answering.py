@@ -176,6 +176,7 @@ class Answering:
             return (), None
         ways, self.told = self._reaction.step(joints, reference, now, contacts)
         self._fresh = self.disobey - before
+        motion.soften(self._reaction.softer)
         reason = self._reaction.reason
         if stopped is None and reason is None:
             motion.soften(self._reaction.give_back(joints, reference.servos, now))

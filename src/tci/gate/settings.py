@@ -43,9 +43,15 @@ class GateSettings:
             raise TciError(f"command_timeout {self.command_timeout} s; valid: above 0 and finite")
 
 
-OVER_A_WIRE = GateSettings(contact=ContactSettings(held=float(np.deg2rad(6.0)), lag=0.3, stands=False))
-"""Settings for robots behind a wire, whose lag nobody has measured: some plan their own motion to a target,
-some wait for a busy network. The joint monitor allows the same 6 degrees."""
+def over_a_wire(*, softens: bool) -> GateSettings:
+    """Settings for robots behind a wire, whose lag nobody has measured: some plan their own motion to a
+    target, some wait for a busy network. The joint monitor allows the same 6 degrees. `softens`: see
+    `ContactSettings`."""
+    held = float(np.deg2rad(6.0))
+    return GateSettings(contact=ContactSettings(held=held, lag=0.3, stands=False, softens=softens))
+
+
+OVER_A_WIRE = over_a_wire(softens=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,6 @@
-"""A part that presses somebody while its encoders or servos are not what they seem: no way back is known, so
-it presses as softly as gravity permits. When it is commanded again it gets its stiffness back, slowly."""
+"""A part that presses somebody does so as softly as its weight permits: on its way back, and where no way is
+known, since encoders or servos are not what they seem. When it is commanded again it gets its stiffness back,
+slowly."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from tci.gate.contact.group import Group
 from tci.gate.contact.own_weight import OwnWeight
 from tci.gate.contact.weights import FRICTION, MOST, SOFT, bends
-from tci.messages import Contact
+from tci.messages import Contact, JointReading
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
@@ -20,6 +21,14 @@ from tci.robot.joint_calibration import Tool
 
 LEAST = 0.1
 """Share of the stiffness that is left at least: dry friction holds a joint with half of it."""
+HOLDS, SOFTEST = 1.5, 0.01
+"""Multiple of its weight and dry friction that a joint bears that goes back from somebody, and share of the
+stiffness that is left at least: a NAO's servo without any is off."""
+FASTER = 1.5
+"""Factor by which the share of a joint rises at once that does not go back, held by dry friction."""
+SEEN = 0.03
+"""Time [s] from a new share to the reading that tells what a joint bears with it, as a rule. Later ones make
+it softer than asked."""
 MORE, EVERY = 0.05, 0.1
 """Share of the stiffness that comes back at once, and time [s] between two: a joint that hangs 4 degrees low
 rises in 2 s, so slowly that somebody above it is noticed first."""
@@ -66,19 +75,34 @@ class Easing:
         shares, told = dict[int, float](), list[Reason]()
         for number, group in groups.items():
             felt = max((one.force for one in contacts if one.part in group.parts), default=0.0)
-            answers = (group.goal is not None and group.free is None) or group.noticing.sure
+            answers = group.answers or group.noticing.sure
             if number in self._eased or group.waist or not (answers or felt > most):
                 continue  # a soft waist lets the robot fall
             self._eased.add(number)
-            if found := self.shares(group, position, powered):
+            if found := self._ease(group, self.shares(group, position, powered), now):
                 shares |= found
-                before = zip(group.servos.tolist(), group.sags.shares.tolist(), strict=True)
-                self._full = {servo: share for servo, share in before if servo in found} | self._full
-                group.sags.told(np.array([*found]), np.array([*found.values()]), now)
                 words = f"no way back is known for {group.name}, which presses somebody"
                 least = f"{min(found.values()):.0%} to {max(found.values()):.0%}"
                 told.append(Reason(Code.CONTACT, f"{words}: its stiffness falls to {least}"))
         return shares, told
+
+    def yields(
+        self, group: Group, joints: JointReading, behind: NDArray[np.bool_], now: float
+    ) -> dict[int, float]:
+        """New shares (0..1) of stiffness, by servo, of a group that presses somebody and goes back: stiff
+        servos press with their full torque while references brake. How stiff they are is assumed at first;
+        measured torques tell it. Joints that stay `behind` (k,) their references get some back."""
+        if not self._weight.known or 0.0 <= now - group.eased < SEEN:
+            return {}
+        group.eased = now
+        shares = self._most(group, joints.position)
+        if joints.torque is not None:
+            bears = np.maximum(np.abs(joints.torque), 1e-9)
+            moves = self._bent(joints.position) / SOFT + FRICTION
+            asked = (HOLDS * moves * self._torque / bears)[group.servos]
+            asked = np.fmin(np.where(behind, FASTER, 1.0), asked)
+            shares = np.minimum(np.maximum(group.sags.shares * asked, SOFTEST), shares)
+        return self._ease(group, _changed(group, shares, joints.powered), now)
 
     def shares(self, group: Group, position: Array, powered: NDArray[np.bool_] | None) -> dict[int, float]:
         """Shares (0..1) of the group's stiffness, by servo, at which gravity bends no joint by more than a
@@ -91,12 +115,28 @@ class Easing:
         """
         if not self._weight.known:
             return {}
-        least = np.clip(self._bent(position) / MOST, LEAST, 1.0)[group.servos]
-        on = np.ones(len(position), bool)
-        if powered is not None and powered.shape == on.shape:
-            on = powered
-        rows = zip(group.servos.tolist(), least.tolist(), group.sags.shares.tolist(), strict=True)
-        return {servo: share for servo, share, now in rows if share < now and on[servo]}
+        shares = np.minimum(self._least(group, position), group.sags.shares)
+        return _changed(group, shares, powered)
+
+    def _least(self, group: Group, position: Array) -> Array:
+        least: Array = np.clip(self._bent(position) / MOST, LEAST, 1.0)[group.servos]
+        return least
+
+    def _most(self, group: Group, position: Array) -> Array:
+        """Shares (k,) that a group gets at most on its way back: what holds its weight, and never more than
+        before."""
+        rows = zip(group.servos.tolist(), group.sags.shares.tolist(), strict=True)
+        full = np.array([self._full.get(servo, share) for servo, share in rows])
+        most: Array = np.fmin(self._least(group, position), full)
+        return most
+
+    def _ease(self, group: Group, shares: dict[int, float], now: float) -> dict[int, float]:
+        """Notes shares that a group gets: it gets its stiffness back later."""
+        if shares:
+            before = zip(group.servos.tolist(), group.sags.shares.tolist(), strict=True)
+            self._full = {servo: share for servo, share in before if servo in shares} | self._full
+            group.sags.told(np.array([*shares]), np.array([*shares.values()]), now)
+        return shares
 
     def told(self, servos: NDArray[np.intp]) -> None:
         """Somebody said how stiff `servos` (k,) are."""
@@ -158,3 +198,12 @@ class Easing:
     def _own(self, position: Array) -> Array:
         bent: Array = SOFT * self._weight.torques(position) / self._torque
         return bent
+
+
+def _changed(group: Group, shares: Array, powered: NDArray[np.bool_] | None) -> dict[int, float]:
+    """Those of the `shares` (k,), by servo, that differ from now, of servos with power."""
+    on = np.ones(len(shares), bool)
+    if powered is not None and len(powered) > group.servos.max():
+        on = powered[group.servos]
+    rows = zip(group.servos.tolist(), shares.tolist(), group.sags.shares.tolist(), on, strict=True)
+    return {servo: share for servo, share, now, able in rows if share != now and able}

@@ -92,6 +92,10 @@ class Group:
     led: int | None = None
     """Identity of the contact that leads it, harder than a capability handles: it gives way to that one as
     long as it is the strongest, and the group does not go into it."""
+    unloaded: bool = False
+    """Its references went to where its joints bear their weight only."""
+    eased: float = -np.inf
+    """When it got a smaller share of its stiffness last [s]."""
     slow: bool = False
     """It is freed on an operator's word."""
 
@@ -119,6 +123,11 @@ class Group:
         its joints pull at."""
         pull = seen.pull if pulled else np.zeros(len(seen.pull))
         return self.path.back(seen.here, before, seen.own, pull)
+
+    @property
+    def answers(self) -> bool:
+        """It answers a contact that is not over."""
+        return self.goal is not None and self.free is None
 
     @property
     def too_often(self) -> Reason | None:

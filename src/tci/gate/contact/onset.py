@@ -57,6 +57,7 @@ def meet(scene: Scene, group: Group, seen: Seen, *, freeing: bool) -> tuple[Arra
     group.first = First(seen.felt.of(seen.felt.own), seen, scene.now)
     _begin(scene, group, goal)
     does = DOES["stop" if group.thing else group.answer]
+    does += " softly" * (scene.softens and does == DOES["retreat"])
     return goal, Reason(Code.CONTACT, f"{group.name} met {group.thing or 'something'}: {what}; it {does}")
 
 
@@ -76,7 +77,7 @@ def _soften(scene: Scene, group: Group, seen: Seen, *, moves: bool) -> Array | N
 
 def _begin(scene: Scene, group: Group, goal: Array) -> None:
     group.goes(goal)
-    group.beyond = 0.0
+    group.beyond, group.unloaded = 0.0, False
     group.noticing.outside, group.softness.soft = 0, False
     if group.slow or group.thing:
         return

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from tci.gate.contact.balance import Balance
 from tci.gate.contact.easing import Easing
 from tci.gate.contact.felt import Felt
+from tci.gate.contact.following import CLEAR
 from tci.gate.contact.group import MOVES, Group, Way, make_groups
 from tci.gate.contact.noticing import Seen, bounds
 from tci.gate.contact.onset import meet
@@ -74,6 +75,8 @@ class ContactReaction:
         """Servos that somebody leads, harder than a capability handles: they need not follow now."""
         self.reason: Reason | None = None
         """Why the gate must stop: a part met something too often."""
+        self.softer: dict[int, float] = {}
+        """New shares (0..1) of stiffness, by servo, of parts that just met somebody."""
         self.met: tuple[Met, ...] = ()
         """The contacts of the latest reading, from the lower threshold on."""
 
@@ -212,7 +215,7 @@ class ContactReaction:
     def touched(self) -> tuple[str, ...]:
         """Names of the parts that answer a contact which is not over, or are pressed with more than anybody
         expects."""
-        answering = [one for one in self._groups.values() if one.goal is not None and one.free is None]
+        answering = [one for one in self._groups.values() if one.answers]
         answer = {part for one in answering for part in one.parts}
         most = self._settings.felt
         pressed = {one.part for one in self.met if one.force > most and one.answer != "expected"}
@@ -237,6 +240,7 @@ class ContactReaction:
         if contacts is not None:  # while frames do not fit it goes on standing
             scene.soles = scene.balance.loaded(contacts)
         freeing, self._freeing = self._freeing, False
+        self.softer = {}
         bent = scene.following.bent(joints)
         bears = scene.bearing.more(joints, scene.settings.lag)
         loose = bool((bent > scene.settings.held).any() or (np.abs(bears) > 1.0).any())
@@ -288,6 +292,8 @@ class ContactReaction:
                 if freeing:
                     group.slow, group.thing = True, None
                 goal = go_on(scene, group, seen)
+            if scene.softens and group.answers and not (group.thing or group.answer == "stop"):
+                self.softer |= self._easing.yields(group, joints, errors > CLEAR * scene.settings.held, now)
             if goal is not None:
                 speed = FREES if group.slow else None
                 sent = own | takes

@@ -40,6 +40,8 @@ class ContactSettings:
     presses gives way. ISO/TS 15066 permits 65 N and more; people guide an arm with less than this."""
     stands: bool = True
     """Whether a joint that stands while its reference goes on is held."""
+    softens: bool = True
+    """Whether servos take a share of their stiffness in every mode: a part goes back from somebody softly."""
     quiet: float = 0.5
     """Time [s] without contact after which the part obeys again."""
     answers: Mapping[str, OnContact] = field(default_factory=dict)

@@ -47,7 +47,7 @@ class Waiting:
         group that meets them."""
         groups, there, who = self._groups, list[Array](), list[str]()
         for number, one in groups.items():
-            if one.goal is not None and one.free is None and not one.thing:
+            if one.answers and not one.thing:
                 skin = felt.get(number, Felt()).contacts.values()
                 there += [contact.point for contact in skin] or self._at(number, position)
                 who.append(one.name)

@@ -23,6 +23,8 @@ friction is that turned."""
 EASES = 0.25
 """The same from which on a part eases that bears the opposite of what it bore when it met the first. It may
 be no more than dry friction that turned, so the way is short."""
+UNLOADS = float(np.deg2rad(0.05))
+"""Angle [rad] by which a reference goes nearer to its joint at least: as fine as encoders tell."""
 SWINGS = 0.5
 """Share of what a joint bears that counts while its part still swings after a way back."""
 
@@ -102,6 +104,10 @@ def go_on(scene: Scene, group: Group, seen: Seen) -> Array | None:
         return group.goes(group.first.eased(seen))
     if not group.thing and group.first.may_press(seen.references - here):
         return group.goes(group.first.last(here))
+    unloaded = None if group.unloaded or group.thing else _unloads(scene, seen)
+    if unloaded is not None:
+        group.unloaded = True
+        return group.goes(unloaded)
     release(scene, group)
     return None
 
@@ -115,6 +121,18 @@ def _out(scene: Scene, group: Group, seen: Seen) -> Array | None:
     if way is None or group.beyond + np.abs(way).max() > FURTHER or group.first.pushed(way):
         return None
     return None if scene.tips(group, seen, seen.here + way) else seen.here + way
+
+
+def _unloads(scene: Scene, seen: Seen) -> Array | None:
+    """Where the references of a soft group go (k,) [rad], so that its joints bear their weight only: when
+    their stiffness comes back, they press nobody. None if nothing is known or to be done."""
+    if not scene.softens or seen.joints.torque is None:
+        return None
+    bears = seen.joints.torque[seen.servos]
+    weighs = scene.weight.torques(seen.joints.position)[seen.servos]
+    share = np.clip(weighs / np.where(bears == 0.0, np.inf, bears), 0.0, 1.0)
+    goal: Array = seen.here + share * (seen.references - seen.here)
+    return goal if np.abs(goal - seen.references).max() > UNLOADS else None
 
 
 def _leave(scene: Scene, group: Group, seen: Seen) -> Array:

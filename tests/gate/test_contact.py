@@ -292,12 +292,17 @@ def test_a_stream_that_a_contact_interrupts_begins_anew_after_a_pause() -> None:
     assert not held.safe.refusals
 
 
-def test_a_stream_that_a_contact_interrupts_does_not_go_on_after_a_reset() -> None:
+@pytest.mark.parametrize("stops", [False, True])
+def test_a_stream_that_a_contact_interrupts_does_not_go_on_after_a_reset(stops: bool) -> None:
     held = Held()
     for step in range(2500):
         held.step(position_command([2], [1.5]))
+        if held.told and stops:
+            held.gate.stop("another cause")
         if step == 1500:
             held.gate.reset()
+            stops = False
+    assert held.gate.state is GateState.RUN
     assert len(held.told) == 1
 
 

@@ -143,6 +143,11 @@ class Answering:
             raise CommandError(why, code=Code.CONTACT)
         return Reason(Code.OVERTAKEN, f"an order came at that instant: {why}")
 
+    def closed(self, order: PlatformOrder, now: float) -> None:
+        """Notes an order that did not pass for another cause."""
+        if self._reaction is not None:
+            self._reaction.closed(order, now)
+
     def accepted(self, order: PlatformOrder, now: float) -> None:
         """Notes that an order passed."""
         if self._reaction is not None:

@@ -297,6 +297,7 @@ class Gate:
         for command in (commands,) if isinstance(commands, PlatformOrder) else commands:
             try:
                 if reason:
+                    self._answering.closed(command, now)
                     raise CommandError(f"{self.state.value}: {reason}", code=Code.GATE_CLOSED)
                 if not isinstance(command, PlatformOrder):
                     words = f"a {type(command).__name__} is not in the robot's own joints"
@@ -316,8 +317,7 @@ class Gate:
                 refusals.append(error.reason)
                 refused_orders.append((command, error.reason))
         self._tally.refusals += len(refusals)
-        due = self._pace.is_due(now)
-        if due:
+        if due := self._pace.is_due(now):
             clamped += self._motion.step(now)
         reference = self._reference = self._motion.reference
         self._torque = self._motion.torques(now, due=due)

@@ -11,10 +11,12 @@ resting part that somebody presses gives way (`softness`), and obeys.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.errors import CommandError
 from tci.gate.contact.balance import Balance
 from tci.gate.contact.easing import Easing
 from tci.gate.contact.felt import Felt
@@ -119,6 +121,12 @@ class ContactReaction:
                 f"or no order for {PAUSE:g} s"
             )
         return None
+
+    def closed(self, order: PlatformOrder, now: float) -> None:
+        """Notes an order at `now` [s] that did not pass for another cause: a stream goes on."""
+        if self._position is not None and isinstance(order, PlatformOrder):
+            with suppress(CommandError):
+                self.refuses(order, self._position, now)
 
     def accepted(self, order: PlatformOrder, now: float) -> None:
         """Somebody's order passed at `now` [s]: servos that it moves don't give way any more, and those that

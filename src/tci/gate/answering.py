@@ -94,8 +94,9 @@ class Answering:
 
     @property
     def excused(self) -> frozenset[int]:
-        """Servos that a contact moves, or that somebody leads, now: they need not follow."""
-        return frozenset() if self._reaction is None else self._reaction.blocked | self._reaction.led
+        """Servos that a contact moves, that somebody leads, or that overshoot, now: they need not follow."""
+        own = self._reaction
+        return frozenset() if own is None else own.blocked | own.led | own.overshoots
 
     @property
     def lags(self) -> Array | None:

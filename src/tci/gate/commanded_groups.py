@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.errors import CommandError
 from tci.gate.acceptance import check_start
 from tci.gate.body_guard import BodyGuard
 from tci.gate.immovable import is_movable
@@ -44,6 +45,7 @@ class CommandedGroups:
         """Starts with no groups under command; `period` [s] is the period of the control loop. Raises
         TciError if the robot can't be checked for self-collision."""
         self._robot, self._period, self._settings = robot, period, settings
+        self._made_for = robot
         self.group_of = groups_of(robot)
         """Number of each servo's group."""
         self._chains: dict[int, JointGroup] = {}
@@ -84,6 +86,18 @@ class CommandedGroups:
         values, speeds = here[servos] + 0.1, np.ones(len(servos))
         chain.aim(PlatformCommand(Mode.POSITION, chain.index, values, speeds), np.empty(len(servos)))
         chain.limiter.step()
+
+    def slow(self, shares: Array) -> None:
+        """Lets servos accelerate by these shares (n_servos,) of their limits only. Raises CommandError if
+        servos in motion could not stop within their limits then; then nothing changes."""
+        before, self._robot = self._robot, _slowed(self._made_for, shares)
+        try:
+            chains = {group: self._chain(group, {*chain.servos}) for group, chain in self._chains.items()}
+        except CommandError:
+            self._robot = before
+            raise
+        self._chains.update(chains)
+        self._note_change()
 
     def look(self, measured: Array) -> None:
         """Stores the `measured` angles (n_servos,) [rad]. If a coupling of a group contains servos outside
@@ -254,6 +268,16 @@ class CommandedGroups:
             return self.body.fault(index, stop, others, self.measured)
 
         return fault
+
+
+def _slowed(robot: Robot, shares: Array) -> Robot:
+    """A robot whose servos have these shares (n_servos,) of their acceleration limits."""
+    servos = []
+    for servo, share in zip(robot.servos, shares.tolist(), strict=True):
+        most = servo.limits.acceleration
+        limits = servo.limits.model_copy(update={"acceleration": None if most is None else share * most})
+        servos.append(servo.model_copy(update={"limits": limits}))
+    return robot.model_copy(update={"servos": tuple(servos)})
 
 
 def _lasts(ways: Array, speed: Array, acceleration: Array) -> float:

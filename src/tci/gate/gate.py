@@ -162,16 +162,17 @@ class Gate:
 
     def load(self, part: str, mass: float, centre: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Declares what a part carries, such as a tool in a hand: `mass` [kg], 0 if it is empty again, with
-        its `centre` (3,) [m] in the frame of the part's last link. Torque mode counts it as inertia, and what
-        its weight bends is not held by somebody.
+        its `centre` (3,) [m] in the frame of the part's last link. Joints that carry it accelerate less,
+        torque mode counts it as inertia, and what its weight bends is not held by somebody.
 
         The last link is the palm of an arm's hand. Takes up to 0.1 s, so declare it at rest. Raises
-        UnknownNameError for an unknown part, CommandError for a robot without a model and for a load that
-        can't be.
+        UnknownNameError for an unknown part, CommandError for a robot without a model, for a load that
+        can't be, and for one that servos in motion could not stop.
         """
         link, tool = load_of(self._robot, part, mass, centre)
-        self._loads[link] = tool
-        self._motion.load(self._loads)
+        loads = self._loads | {link: tool}
+        self._motion.load(loads)
+        self._loads = loads
         self._answering.load(self._loads)
 
     def stop(self, reason: Reason | str) -> None:

@@ -18,6 +18,7 @@ from tci.gate.commanded_groups import CommandedGroups
 from tci.gate.freshness import Freshness
 from tci.gate.immovable import Immovable, is_movable
 from tci.gate.joint_monitor import MonitorSettings, Reference
+from tci.gate.loads import accelerating
 from tci.gate.mode_switches import REST, STILL, ModeSwitches
 from tci.gate.settings import GateSettings, Tally
 from tci.gate.speeds import Slope
@@ -70,7 +71,9 @@ class Motion:
         self._damping: dict[int, float] = {}
 
     def load(self, tools: Mapping[str, Tool]) -> None:
-        """Sets what links carry, by the name of the link."""
+        """Sets what links carry, by the name of the link. Raises CommandError while servos are so fast that
+        they could not stop with it."""
+        self.groups.slow(accelerating(self.robot, tools))
         self._torque.load(tools)
 
     @property

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tci.errors import DescriptionError, UnknownNameError
 from tci.gate.contact.own_weight import OwnWeight
@@ -63,9 +64,10 @@ class Bearing:
         """The same at the latest reading."""
         self._velocity = np.zeros(len(robot.servos))
         fastest = np.array([servo.limits.velocity or np.inf for servo in robot.servos])
-        self._viscous = VISCOUS * np.where(np.isfinite(limits), limits, 0.0) / fastest
+        self._limits = np.where(np.isfinite(limits), limits, 0.0)
+        self._viscous = VISCOUS * self._limits / fastest
         self._changes: deque[_Change] = deque()
-        self._changed = -np.inf  # when [s] references changed their speed last
+        self._changed = -np.inf  # when [s] references changed their speed, or joints swung, last
         self._modes: tuple[Mode, ...] = ()
         self._loose, self._asked = np.zeros(0, bool), np.zeros(0, np.intp)
         self._torques: deque[tuple[float, Array]] = deque()
@@ -120,14 +122,20 @@ class Bearing:
     def _counts(self, joints: JointReading, before: Borne) -> Array:
         return before.counts + np.abs(self._weight.torques(joints.position) - before.weight)
 
-    def more(self, joints: JointReading, lag: float) -> Array:
+    def more(self, joints: JointReading, lag: float, swing: NDArray[np.intp]) -> Array:
         """What each joint bears more than a moment ago, or than before references accelerated (n_servos,), as
-        multiples of what comes from outside; 0 without measured torques. Joints lag by `lag` [s] at most."""
+        multiples of what comes from outside; 0 without measured torques. Joints lag by `lag` [s] at most,
+        and motors of servos that `swing` (k,) give all they have."""
         if joints.torque is None or not self._known:
             self.forget()  # nobody may compare what comes later with what was before
             return np.zeros(len(self.least))
         torques, changes, even = self._torques, self._changes, self._even
         torques.append((joints.stamp, joints.torque))
+        if swing.size:
+            rate, own = np.zeros(len(self.least)), self._inertia.diagonal()[swing]
+            rate[swing] = self._limits[swing] / np.where(own > 0.0, own, np.inf)
+            changes.append(_Change(joints.stamp, joints.stamp, np.zeros(len(rate)), rate))
+            self._changed = joints.stamp
         uneven = self._changed + lag
         first = joints.stamp - MOMENT if joints.stamp <= uneven else max(joints.stamp - MOMENT, uneven)
         while torques[0][0] < first:

@@ -13,6 +13,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.gate.contact.overshoots import STANDS, Overshoots
 from tci.gate.joint_monitor import Reference
 from tci.gate.kernels.lags import find_lags, find_span, rows_at
 from tci.messages import JointReading, Mode
@@ -24,12 +25,15 @@ half a degree is less."""
 PROGRESS, SLOWEST, SHARE = 0.05, float(np.deg2rad(2.0)), 0.4
 """A joint stands if within `PROGRESS` [s] it went less than `SHARE` of the way that its reference went,
 whatever its lag, and that way is at least `SLOWEST` [rad]: more than coarse encoders and friction explain."""
-STANDS, CREEPS = float(np.deg2rad(10.0)), 0.5
-"""Measured speed [rad/s] towards its reference, and fraction of its reference's speed, below which a joint
-may be held: somebody soft yields, and the joint creeps on."""
+CREEPS = 0.5
+"""Fraction of its reference's speed below which a joint may be held that goes there: somebody soft yields,
+and the joint creeps on."""
 OVERSHOOT = 0.1
 """Fraction of the way within the lag by which a servo of 60 rad/s and a damping of 0.7 overshoots when its
 reference turns."""
+ARRIVES, RESTS = 0.2, 1e-6
+"""Time [s] in which a joint must come as near a resting reference as to be free, at its present speed, and
+speed [rad/s] of a reference that rests. The damping of a Talos' gripper takes most of its torque."""
 LAGS = 21
 """Number of lags that are tried, from none to the longest: 5 ms apart by default."""
 FAST = float(np.deg2rad(20.0))
@@ -104,6 +108,9 @@ class Following:
         """Where each joint pushes: 1 towards larger angles, -1 towards smaller ones."""
         self.pull = np.zeros(count)
         """Angle [rad] by which each joint is behind its reference; 0 if that is little."""
+        self.runs = Overshoots(count)
+        self.beyond = np.zeros(count, bool)
+        """Joints that ran beyond their references by more than `held`, and brake."""
         self._past = History(count)
         self._readings: deque[tuple[float, Array]] = deque()
         self._rests = np.full(count, np.nan)
@@ -117,6 +124,7 @@ class Following:
         self._past.forget()
         self._readings.clear()
         self._lags.clear()
+        self.runs.forget()
 
     @property
     def latest(self) -> float:
@@ -168,8 +176,13 @@ class Following:
 
     def near(self, joints: JointReading, reference: Reference) -> bool:
         """True if every joint is so near its present reference that nothing can hold it."""
-        behind = joints.position[reference.servos] - reference.position
-        return not behind.size or float(np.abs(behind).max()) < 0.5 * self._held
+        behind = reference.position - joints.position[reference.servos]
+        if behind.size and float(np.abs(behind).max()) >= 0.5 * self._held:
+            return False
+        rows = self._past.rows
+        self.side = np.where(rows[-1] > joints.position, 1.0, -1.0)
+        self.runs.look(joints, self.side, np.ones(len(self.side), bool), rows[-1] - rows[0])
+        return True
 
     def error(self, joints: JointReading, reference: Reference) -> Array:
         """Angle (n_servos,) [rad] of each joint outside its recent references, more than `held` if it stands
@@ -183,12 +196,19 @@ class Following:
         find_span(times, rows, joints.stamp - self._lag, joints.stamp, tried, longest, low, high)
         outside = np.maximum(joints.position - high, low - joints.position)
         error: Array = np.maximum(outside - OVERSHOOT * (high - low), 0.0)
-        self.side = np.where(joints.position < 0.5 * (low + high), 1.0, -1.0)
+        side = np.where(joints.position < 0.5 * (low + high), 1.0, -1.0)
+        passes = (outside <= 0.0) | (side != self.side)
+        brakes = self.runs.look(joints, side, passes, rows[-1] - rows[0])
+        self.side, self.beyond = side, brakes & (error > self._held)
+        self.runs.note(self.beyond, joints.stamp)
         # a joint whose velocity says that it goes on is not held: its encoder is wrong, as the monitor tells
         goes = self.side * joints.velocity > STANDS
         goes[reference.servos] &= np.abs(joints.velocity[reference.servos]) > CREEPS * np.abs(
             reference.velocity
         )
+        # nor is one with much friction that creeps the last degrees to a reference that rests
+        arrives = self.side * joints.velocity * ARRIVES > error - CLEAR * self._held
+        arrives[reference.servos] &= np.abs(reference.velocity) < RESTS
         if self._known and PROGRESS <= passed < 2.0 * PROGRESS:
             now, then = self._past.at(joints.stamp - self._few), self._past.at(since - self._few)
             ways = now - then
@@ -201,7 +221,7 @@ class Following:
             stands = (least > SLOWEST) & (gone < SHARE * least) & behind
             error[stands] = np.maximum(error, self._held + least - gone)[stands]
         # whose references are too new to tell is not late yet
-        error[goes | (np.isnan(error) & np.isfinite(rows[-1]))] = 0.0
+        error[goes | brakes | arrives | (np.isnan(error) & np.isfinite(rows[-1]))] = 0.0
         pull = rows[-1] - joints.position
         # what lags goes the same way; a servo without reference pulls nowhere
         self.pull = np.where(np.abs(pull) >= 0.5 * CLEAR * self._held, pull, 0.0)

@@ -75,6 +75,8 @@ class ContactReaction:
         """Servos that obey nobody else now, since they leave a contact."""
         self.led: frozenset[int] = frozenset()
         """Servos that somebody leads, harder than a capability handles: they need not follow now."""
+        self.overshoots: frozenset[int] = frozenset()
+        """Servos that ran beyond their references and brake."""
         self.reason: Reason | None = None
         """Why the gate must stop: a part met something too often."""
         self.softer: dict[int, float] = {}
@@ -250,15 +252,16 @@ class ContactReaction:
         freeing, self._freeing = self._freeing, False
         self.softer = {}
         bent = scene.following.bent(joints)
-        bears = scene.bearing.more(joints, scene.settings.lag)
+        bears = scene.bearing.more(joints, scene.settings.lag, scene.following.runs.swing(joints.stamp))
         loose = bool((bent > scene.settings.held).any() or (np.abs(bears) > 1.0).any())
         if not (self.blocked or felt or freeing or loose) and scene.following.near(joints, reference):
             self._walk_all(joints, reference)
             scene.following.learn(joints, reference)
-            self.met, self.led = (), frozenset()
+            self.met, self.led, self.overshoots = (), frozenset(), frozenset()
             self._waiting.forget()
             return [], []
         error = scene.following.error(joints, reference)
+        self.overshoots = frozenset(np.flatnonzero(scene.following.beyond).tolist())
         soft = any(one.sags.soft for one in self._groups.values())
         weights = self._easing.weights(joints.position) if soft else np.zeros(len(error))
         ways: list[Way] = []

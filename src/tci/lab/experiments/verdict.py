@@ -253,7 +253,8 @@ def limit_faults(robot: Robot) -> list[str]:
 
 def _too_weak(robot: Robot, sent: Sequence[SafeCommand], torques: Array) -> Iterator[str]:
     """One sentence for each motor that gave all of its torque when the gate, in an empty world, took what it
-    left undone for somebody. `torques` (n, servos) [N m] are those measured before each of `sent`."""
+    left undone for somebody, or stopped since it did not follow. `torques` (n, servos) [N m] are those
+    measured before each of `sent`."""
     limits = np.array([one.limits.torque or np.inf for one in robot.servos])
     twins = {
         servo: other
@@ -263,7 +264,8 @@ def _too_weak(robot: Robot, sent: Sequence[SafeCommand], torques: Array) -> Iter
         for servo, other in ((one.servo, two.servo), (two.servo, one.servo))
     }
     for k, safe in enumerate(sent):
-        if not any(reason.code is Code.CONTACT for reason in safe.clamped):
+        told = [*safe.clamped, *([safe.reason] if safe.reason else [])]
+        if not any(one.code in (Code.CONTACT, Code.FOLLOWING_ERROR) for one in told):
             continue
         spent = torques[max(k - LATELY, 0) : k + 1].max(axis=0) >= 0.99 * limits
         for servo in map(int, np.flatnonzero(spent)):

@@ -152,13 +152,14 @@ def test_on_a_way_back_joints_bear_little_more_than_their_weight_and_friction(
     limits = np.array([servo.limits.torque for servo in ROBOT.servos], float)
     easing = Easing(ROBOT, OwnWeight(ROBOT))
     easing.load(ROBOT, {})
-    holds = 1.5 * (np.abs(Gravity(ROBOT).torques(position)) + 0.05 * limits)[group.servos]
+    weighs = Gravity(ROBOT).torques(position)
+    holds = 1.5 * (np.abs(weighs) + 0.05 * limits)[group.servos]
 
     def bearing(torque: Array, now: float, behind: bool) -> None:
         whole = np.zeros(len(limits))
         whole[group.servos] = torque
         joints = replace(reading(position, now), torque=read_only(whole))
-        easing.yields(group, joints, np.full(count, behind), now)
+        easing.yields(group, joints, weighs, np.full(count, behind), now)
 
     torque = 0.5 * limits[group.servos]
     bearing(torque, 1.0, False)

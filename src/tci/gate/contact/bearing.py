@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from tci.errors import DescriptionError, UnknownNameError
 from tci.gate.contact.own_weight import OwnWeight
-from tci.gate.contact.weights import longest_levers
+from tci.gate.contact.weights import FRICTION, WRONG, longest_levers
 from tci.gate.joint_monitor import Reference
 from tci.messages import JointReading, Mode
 from tci.messages.frames import Array
 from tci.robot.clearance import without_skin
 from tci.robot.description import Robot
-from tci.robot.dynamics import inertia_range
-from tci.robot.joint_calibration import Tool
+from tci.robot.dynamics import Dynamics, inertia_range
+from tci.robot.joint_calibration import JointCalibration, Tool
 
 BARE = 30.0
 """Force [N] at the end of the arm that counts, without skin."""
@@ -40,6 +40,11 @@ EVEN = 1e-4
 TAKES = 4.0
 """What accelerating changes a torque by at most, as a multiple of what the model's links take: masses may be
 20 % off, rotors as heavy as links, a servo overshoots, and what accelerated before may brake now."""
+AHEAD, BACK = 2.0, 0.5
+"""The same of what links take in the posture where they are, and rotors as heavy as links in any posture, in
+the direction in which accelerating takes it, and in the other: a servo overshoots."""
+TELLS = 0.4
+"""Fraction of what counts below which nothing is told, nor where somebody is."""
 VISCOUS = 0.5
 """Fraction of its torque limit that friction of a joint may take more at full speed than at rest: an iCub's
 wrist takes 0.4."""
@@ -66,19 +71,23 @@ class Bearing:
         fastest = np.array([servo.limits.velocity or np.inf for servo in robot.servos])
         self._limits = np.where(np.isfinite(limits), limits, 0.0)
         self._viscous = VISCOUS * self._limits / fastest
+        self._dry = FRICTION * self._limits
         self._changes: deque[_Change] = deque()
         self._changed = -np.inf  # when [s] references changed their speed, or joints swung, last
         self._modes: tuple[Mode, ...] = ()
         self._loose, self._asked = np.zeros(0, bool), np.zeros(0, np.intp)
         self._torques: deque[tuple[float, Array]] = deque()
         self._even: deque[_Even] = deque()
-        self._latest = np.inf
+        self._latest = self._began = np.inf
+        self._swung = -np.inf
         self.load({})
 
     def load(self, tools: Mapping[str, Tool]) -> None:
         """Sets what links carry, by the name of the link."""
+        robot, self._dynamics = without_skin(self._robot), None
         try:
-            self._inertia = inertia_range(without_skin(self._robot), tuple(tools.items())).largest
+            self._inertia = inertia_range(robot, tuple(tools.items())).largest
+            self._dynamics = Dynamics(robot, JointCalibration(robot=robot.name, tools=dict(tools)))
         except (DescriptionError, UnknownNameError):
             self._inertia = np.full((len(self.least),) * 2, np.inf)
 
@@ -86,20 +95,19 @@ class Bearing:
         self._changes.clear()
         self._torques.clear()
         self._even.clear()
-        self._latest, self._changed = np.inf, -np.inf
+        self._latest, self._changed, self._swung = np.inf, -np.inf, -np.inf
 
     def remember(self, reference: Reference, now: float) -> None:
         """Notes how fast references accelerate at `now` [s]."""
+        if self._latest == np.inf:
+            self._began = now
         before, self._velocity = self._velocity, np.zeros(len(self.least))
         self._velocity[reference.servos] = reference.velocity
-        change, lasts = np.abs(self._velocity - before), max(now - self._latest, SHORTEST)
-        if change.max(initial=0.0) > EVEN:
-            self._changed = now
-            rate, began, last = change / lasts, now, self._changes[-1] if self._changes else None
-            if last and now - last.began < PIECE:
-                began, change, rate = last.began, last.change + change, np.maximum(last.rate, rate)
-                self._changes.pop()
-            self._changes.append(_Change(began, now, change, rate))
+        if np.abs(self._velocity - before).max(initial=0.0) > EVEN:
+            self._changed, began = now, min(self._latest, now - SHORTEST)
+            if self._changes and now - self._changes[-1].began <= PIECE:
+                began, before = self._changes.pop()[::2]
+            self._changes.append(_Change(began, now, before, self._velocity))
         self._latest = now
         if reference.modes != self._modes:
             self._modes = reference.modes
@@ -119,6 +127,16 @@ class Bearing:
             return np.zeros(len(self.least))
         return _multiples(joints.torque - before.torque, self._counts(joints, before))
 
+    def weighs(self, joints: JointReading, before: Borne | None) -> Array:
+        """What joints bear (n_servos,) [N m] where they are without anybody: as before the contact, but for
+        dry friction, and what their weight changed since; by the model's masses alone if that is unknown."""
+        now = self._weight.torques(joints.position)
+        if before is None:
+            return now
+        borne = before.torque + now - before.weight
+        least: Array = borne - np.clip(borne, -self._dry, self._dry)
+        return least
+
     def _counts(self, joints: JointReading, before: Borne) -> Array:
         return before.counts + np.abs(self._weight.torques(joints.position) - before.weight)
 
@@ -134,8 +152,9 @@ class Bearing:
         if swing.size:
             rate, own = np.zeros(len(self.least)), self._inertia.diagonal()[swing]
             rate[swing] = self._limits[swing] / np.where(own > 0.0, own, np.inf)
-            changes.append(_Change(joints.stamp, joints.stamp, np.zeros(len(rate)), rate))
-            self._changed = joints.stamp
+            swings = self._velocity + PIECE * rate
+            changes.append(_Change(joints.stamp, joints.stamp, self._velocity, swings))
+            self._changed = self._swung = joints.stamp
         uneven = self._changed + lag
         first = joints.stamp - MOMENT if joints.stamp <= uneven else max(joints.stamp - MOMENT, uneven)
         while torques[0][0] < first:
@@ -148,28 +167,57 @@ class Bearing:
             even.popleft()
         if joints.stamp > uneven:
             even.append(_Even(joints.stamp, joints.torque, joints.position, self._velocity))
-            # at rest nothing that moves loads a joint
-            if even[0].stamp < uneven and np.abs(self._velocity).max(initial=0.0) <= EVEN:
-                friction = self._viscous * np.abs(even[0].velocity)
-                counts = self._counts(joints, self._borne(even[0], self.least + friction))
-                since = _multiples(joints.torque - even[0].torque, counts)
-                # one that bears less was loaded by motion
-                more = (np.abs(since) > np.abs(found)) & (np.abs(joints.torque) > np.abs(even[0].torque))
-                found, self.counts = np.where(more, since, found), np.where(more, counts, self.counts)
+        # what brought it here may still swing at first
+        still = joints.stamp > max(self._began, self._swung) + lag
+        if even and even[0].stamp < uneven and still:
+            counts = self._since(joints, even[0], joints.stamp - lag)
+            since = _multiples(joints.torque - even[0].torque, counts)
+            # one that bears less was loaded by motion
+            more = (np.abs(since) > np.abs(found)) & (np.abs(joints.torque) > np.abs(even[0].torque))
+            found, self.counts = np.where(more, since, found), np.where(more, counts, self.counts)
         found[self._asked] = 0.0  # somebody asks for these torques
         return found
 
     def _borne(self, one: _Even, counts: Array) -> Borne:
         return Borne(one.torque, counts, self._weight.torques(one.position))
 
+    def _since(self, joints: JointReading, even: _Even, since: float) -> Array:
+        """Changes of torques (n_servos,) [N m] since they were `even` beyond which they come from outside, by
+        what references did from `since` [s] on, in the direction in which each changed."""
+        assert joints.torque is not None
+        change = joints.torque - even.torque
+        counts = self._counts(joints, self._borne(even, self.least))
+        if self._dynamics is None or not (np.abs(change) > TELLS * counts).any():
+            return counts
+        links, turns = self._turning(joints.position, joints.velocity)
+        _, turned = self._turning(even.position, even.velocity)
+        recent = [one for one in self._changes if one.ended >= since]
+        rates = np.array([one.rate for one in recent]).reshape(-1, len(change))
+        parts = (links + np.diag(self._inertia.diagonal())) * rates[:, None]
+        rises, falls = np.maximum(parts, 0.0).sum(axis=2), np.maximum(-parts, 0.0).sum(axis=2)
+        speeds = np.array([self._velocity, *(one.before for one in recent)]) - even.velocity
+        rubs = self._viscous * np.array([speeds.max(axis=0), -speeds.min(axis=0)])
+        up, down = np.maximum(rubs, 0.0) + np.maximum([turns - turned, turned - turns], 0.0)
+        up += (AHEAD * rises + BACK * falls).max(axis=0, initial=0.0)
+        down += (AHEAD * falls + BACK * rises).max(axis=0, initial=0.0)
+        counts += WRONG * (np.abs(turns) + np.abs(turned))
+        return np.asarray(counts + np.where(change > 0.0, up, down))
+
+    def _turning(self, position: Array, velocity: Array) -> tuple[Array, Array]:
+        """Inertia (n_servos, n_servos) [kg m2], and torques (n_servos,) [N m] by which links turn others."""
+        assert self._dynamics is not None
+        inertia, bias = self._dynamics.at(position, velocity)
+        return inertia, bias - self._dynamics.at(position, np.zeros(len(velocity)))[1]
+
     def _takes(self) -> Array:
         """By how much torques (n_servos,) [N m] may change since references changed their speed."""
-        if not self._changes:
+        changes = self._changes
+        if not changes:
             return np.zeros(len(self.least))
-        rate = np.max([one.rate for one in self._changes], axis=0)
+        rate = np.max([np.abs(one.rate) for one in changes], axis=0)
         moved = rate > 0.0
         takes: Array = TAKES * (self._inertia[:, moved] @ rate[moved])
-        takes += self._viscous * np.sum([one.change for one in self._changes], axis=0)
+        takes += self._viscous * np.ptp([changes[0].before, *(one.after for one in changes)], axis=0)
         return takes
 
 
@@ -206,7 +254,12 @@ class _Change(NamedTuple):
     began: float
     ended: float
     """[s]."""
-    change: Array
-    """By how much in all (n_servos,) [rad/s]."""
-    rate: Array
-    """How fast at most (n_servos,) [rad/s2]."""
+    before: Array
+    after: Array
+    """Speeds (n_servos,) [rad/s]."""
+
+    @property
+    def rate(self) -> Array:
+        """How fast (n_servos,) [rad/s2]. Within less than a piece, a servo notices little."""
+        rate: Array = (self.after - self.before) / max(self.ended - self.began, PIECE)
+        return rate

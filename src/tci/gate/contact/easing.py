@@ -87,19 +87,19 @@ class Easing:
         return shares, told
 
     def yields(
-        self, group: Group, joints: JointReading, behind: NDArray[np.bool_], now: float
+        self, group: Group, joints: JointReading, weighs: Array, behind: NDArray[np.bool_], now: float
     ) -> dict[int, float]:
         """New shares (0..1) of stiffness, by servo, of a group that presses somebody and goes back: stiff
         servos press with their full torque while references brake. How stiff they are is assumed at first;
-        measured torques tell it. Joints that stay `behind` (k,) their references get some back."""
+        measured torques tell it, where joints would bear `weighs` (n_servos,) [N m] without anybody. Joints
+        that stay `behind` (k,) their references get some back."""
         if not self._weight.known or 0.0 <= now - group.eased < SEEN:
             return {}
         group.eased = now
         shares = self._most(group, joints.position)
         if joints.torque is not None:
             bears = np.maximum(np.abs(joints.torque), 1e-9)
-            moves = self._bent(joints.position) / SOFT + FRICTION
-            asked = (HOLDS * moves * self._torque / bears)[group.servos]
+            asked = (HOLDS * (np.abs(weighs) + FRICTION * self._torque) / bears)[group.servos]
             asked = np.fmin(np.where(behind, FASTER, 1.0), asked)
             shares = np.minimum(np.maximum(group.sags.shares * asked, SOFTEST), shares)
         return self._ease(group, _changed(group, shares, joints.powered), now)

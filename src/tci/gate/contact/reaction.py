@@ -304,7 +304,9 @@ class ContactReaction:
                     group.slow, group.thing = True, None
                 goal = go_on(scene, group, seen)
             if scene.softens and group.answers and not (group.thing or group.answer == "stop"):
-                self.softer |= self._easing.yields(group, joints, errors > CLEAR * scene.settings.held, now)
+                weighs = scene.bearing.weighs(joints, group.before)
+                late = errors > CLEAR * scene.settings.held
+                self.softer |= self._easing.yields(group, joints, weighs, late, now)
             if goal is not None:
                 speed = FREES if group.slow else None
                 sent = own | takes

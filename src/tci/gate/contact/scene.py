@@ -44,7 +44,6 @@ class Scene:
         self.things = Things(robot, settings.fixtures)
         self.places = Places(robot)
         self.bearing = Bearing(robot, weight, known=settings.stands)
-        self.weight = weight
         self.softens = settings.softens and weight.known
         """Whether a part goes back from somebody softly."""
         self.soles: list[Patch] = []

@@ -104,7 +104,7 @@ def go_on(scene: Scene, group: Group, seen: Seen) -> Array | None:
         return group.goes(group.first.eased(seen))
     if not group.thing and group.first.may_press(seen.references - here):
         return group.goes(group.first.last(here))
-    unloaded = None if group.unloaded or group.thing else _unloads(scene, seen)
+    unloaded = None if group.unloaded or group.thing else _unloads(scene, group, seen)
     if unloaded is not None:
         group.unloaded = True
         return group.goes(unloaded)
@@ -123,13 +123,13 @@ def _out(scene: Scene, group: Group, seen: Seen) -> Array | None:
     return None if scene.tips(group, seen, seen.here + way) else seen.here + way
 
 
-def _unloads(scene: Scene, seen: Seen) -> Array | None:
+def _unloads(scene: Scene, group: Group, seen: Seen) -> Array | None:
     """Where the references of a soft group go (k,) [rad], so that its joints bear their weight only: when
     their stiffness comes back, they press nobody. None if nothing is known or to be done."""
     if not scene.softens or seen.joints.torque is None:
         return None
     bears = seen.joints.torque[seen.servos]
-    weighs = scene.weight.torques(seen.joints.position)[seen.servos]
+    weighs = scene.bearing.weighs(seen.joints, group.before)[seen.servos]
     share = np.clip(weighs / np.where(bears == 0.0, np.inf, bears), 0.0, 1.0)
     goal: Array = seen.here + share * (seen.references - seen.here)
     return goal if np.abs(goal - seen.references).max() > UNLOADS else None

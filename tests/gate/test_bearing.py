@@ -11,6 +11,8 @@ import pytest
 
 from helpers.gate_checks import reading
 from helpers.squeezed import Squeeze, squeeze
+from tci.errors import DescriptionError
+from tci.gate.contact import bearing
 from tci.gate.contact.reaction import ContactReaction
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.joint_group import groups_of
@@ -69,10 +71,17 @@ def test_what_motion_friction_or_a_hand_explains_is_no_contact(
     assert not told(torque, speed=speed, steady=steady, stands=stands)
 
 
-def told_at_rest(torque: float, *, way: float, weight: float = 0.0, late: float = 0.0) -> list[str]:
+def told_at_rest(
+    torque: float,
+    *,
+    way: float,
+    weight: float = 0.0,
+    late: float = 0.0,
+    lasts: tuple[float, float] = (1.2, 1.8),
+) -> list[str]:
     """What is told of a joint that goes up by `way` [rad] within a second, always accelerating or braking,
-    and bears `torque` [N m] from the last 0.1 s on, and `weight` times what its links weigh. Readings come
-    `late` [s]."""
+    and bears `torque` [N m] between two times [s], and `weight` times what its links weigh. It begins after
+    0.3 s. Readings come `late` [s]."""
     robot = talos()
     names = [servo.name for servo in robot.servos]
     meets, own, found = ContactReaction(robot, groups_of(robot), ContactSettings()), names.index(JOINT), []
@@ -81,7 +90,9 @@ def told_at_rest(torque: float, *, way: float, weight: float = 0.0, late: float 
         turn = np.pi * np.clip(now - 0.3, 0.0, 1.0)
         angles, torques = np.zeros(len(names)), np.zeros(len(names))
         angles[own], rate = 0.5 * way * (1.0 - np.cos(turn)), 0.5 * way * np.pi * np.sin(turn)
-        torques[own] = (torque if now > 1.2 else 0.0) + weight * Gravity(robot).torques(angles)[own]
+        torques[own] = (torque if lasts[0] < now < lasts[1] else 0.0) + weight * Gravity(robot).torques(
+            angles
+        )[own]
         asked = Reference(np.array([own]), (Mode.POSITION,), angles[[own]], np.array([rate]))
         seen = replace(reading(angles, now - late), torque=read_only(torques))
         found += [why.text for why in meets.step(seen, asked, now, None)[1]]
@@ -92,6 +103,18 @@ def told_at_rest(torque: float, *, way: float, weight: float = 0.0, late: float 
 def test_whom_a_joint_met_while_it_braked_is_told_of_when_it_rests(late: float) -> None:
     """Torques of all of a moment ago are with them already."""
     assert f"{JOINT} bears 50.0 N m more" in told_at_rest(50.0, way=0.8, late=late)[0]
+
+
+@pytest.mark.parametrize("masses", [True, False])
+def test_torques_tell_while_a_joint_accelerates_if_its_masses_are_known(
+    monkeypatch: pytest.MonkeyPatch, masses: bool
+) -> None:
+    def unknown(*_: object) -> None:
+        raise DescriptionError("talos", ())
+
+    if not masses:
+        monkeypatch.setattr(bearing, "Dynamics", unknown)
+    assert bool(told_at_rest(-60.0, way=0.8, lasts=(0.4, 0.7))) == masses
 
 
 def test_a_lever_that_grew_since_the_joint_rested_is_nobody() -> None:

@@ -187,11 +187,13 @@ class Bearing:
         assert joints.torque is not None
         change = joints.torque - even.torque
         counts = self._counts(joints, self._borne(even, self.least))
-        if self._dynamics is None or not (np.abs(change) > TELLS * counts).any():
+        recent = [one for one in self._changes if one.ended >= since]
+        if self._dynamics is None:
+            return np.full(len(counts), np.inf) if recent else counts
+        if not (np.abs(change) > TELLS * counts).any():
             return counts
         links, turns = self._turning(joints.position, joints.velocity)
         _, turned = self._turning(even.position, even.velocity)
-        recent = [one for one in self._changes if one.ended >= since]
         rates = np.array([one.rate for one in recent]).reshape(-1, len(change))
         parts = (links + np.diag(self._inertia.diagonal())) * rates[:, None]
         rises, falls = np.maximum(parts, 0.0).sum(axis=2), np.maximum(-parts, 0.0).sum(axis=2)

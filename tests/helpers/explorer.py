@@ -17,6 +17,7 @@ from tci.gate.gate import GateState
 from tci.lab.faults.fault_injector import FaultInjector, FaultPlan
 from tci.lab.faults.injectors import INJECTORS
 from tci.messages import CONTROL_MODES, GenericCommand, Mode, Order, Perception, SwitchMode
+from tci.reasons import Code
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 
@@ -81,6 +82,7 @@ class Explorer:
         faulty = FaultInjector(driver, plans)
         judge = Judge(driver.robot, driver.period)
         before = [GateState.RUN, GateState.RUN]
+        stiff = dict[int, float]()
 
         def observe(tick: Tick) -> None:
             seen.steps += 1
@@ -90,8 +92,12 @@ class Explorer:
                 seen.broken.append("STOP was left without a reset")
             before[0] = before[1] = state
             judge.see(tick.sent, tick.reading.joints.position)
-            if state is not GateState.RUN and tick.sent.stiffness:
-                seen.broken.append(f"stiffness in {state.value}")
+            # who is pressed is freed in any state, by an arm that gets softer; nobody else's order passes
+            freed = tick.sent.met or any(why.code is Code.CONTACT for why in tick.sent.clamped)
+            for servo, share in tick.sent.stiffness.items():
+                if state is not GateState.RUN and not (freed and share <= stiff.get(servo, 1.0)):
+                    seen.broken.append(f"stiffness in {state.value}")
+                stiff[servo] = max(share, stiff.get(servo, 1.0)) if freed else share
             if state is not GateState.RUN and not tick.sent.reason:
                 seen.broken.append(f"{state.value} without a reason")
             if state is not GateState.RUN and len(tick.sent.refusals) < len(tick.commands):

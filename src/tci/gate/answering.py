@@ -164,10 +164,12 @@ class Answering:
         stopped: Reason | None,
         *,
         blind: bool,
+        held: Reason | None,
     ) -> tuple[Sequence[Way], Reason | None]:
         """Judges contacts, unless it is `blind`, without usable joint data; returns where servos must go,
         also in the state STOP, and why to stop. A person is freed whatever the cause of the stop, unless
-        the joint data can't be trusted: then, and after a reset, the stiffness changes."""
+        the joint data can't be trusted: then, and after a reset, the stiffness changes. No part gets it back
+        while the robot holds for a reason, `held`."""
         unfit = stopped is not None and stopped.code in UNFIT
         if blind and not unfit:
             return (), None
@@ -184,6 +186,6 @@ class Answering:
         self._fresh = self.disobey - before
         motion.soften(self._reaction.softer)
         reason = self._reaction.reason
-        if stopped is None and reason is None:
+        if stopped is None and reason is None and held is None:
             motion.soften(self._reaction.give_back(joints, reference.servos, now))
         return ways, reason

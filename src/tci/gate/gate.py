@@ -374,7 +374,7 @@ class Gate:
             reason = self._motion.fault_of_age(now, self._stale_after)
         blind = bool(reason)
         ways, often = self._answering.step(
-            self._motion, joints, self._reference, now, contacts, self._stopped, blind=blind
+            self._motion, joints, self._reference, now, contacts, self._stopped, blind=blind, held=self._held
         )
         if often is not None:
             self.stop(often)

@@ -14,7 +14,7 @@ from helpers.squeezed import Squeeze, squeeze
 from tci.errors import DescriptionError
 from tci.gate.contact import bearing
 from tci.gate.contact.reaction import ContactReaction
-from tci.gate.contact.settings import ContactSettings
+from tci.gate.contact.settings import ContactSettings, OnContact
 from tci.gate.joint_group import groups_of
 from tci.gate.joint_monitor import Reference
 from tci.messages import Mode
@@ -120,6 +120,24 @@ def test_torques_tell_while_a_joint_accelerates_if_its_masses_are_known(
 def test_a_lever_that_grew_since_the_joint_rested_is_nobody() -> None:
     """30 N m by the model, and a fifth more; 21 N m tell of somebody."""
     assert not told_at_rest(0.0, way=1.5, weight=1.2)
+
+
+@pytest.mark.parametrize(("answer", "goes"), [("stop", 1), ("soft", 2)])
+def test_only_a_part_that_gives_way_unloads_its_joints(answer: OnContact, goes: int) -> None:
+    """One that must stop, as the waist of a robot that stands, is sent nowhere later."""
+    robot, ways = talos(), 0
+    names = [servo.name for servo in robot.servos]
+    settings = ContactSettings(answers={"left_arm": answer, "left_hand": answer})
+    meets, own = ContactReaction(robot, groups_of(robot), settings), names.index(JOINT)
+    for step in range(160):
+        now = step * PERIOD
+        angle, rate = 0.3 * min(now, 0.63), 0.3 * (now < 0.63)
+        angles, torques = np.zeros(len(names)), np.zeros(len(names))
+        angles[own], torques[own] = angle - 0.005, 30.0 if 0.6 < now < 0.65 else 8.0 if now > 0.65 else 0.0
+        asked = Reference(np.array([own]), (Mode.POSITION,), np.array([angle]), np.array([rate]))
+        seen = replace(reading(angles, now), torque=read_only(torques))
+        ways += len(meets.step(seen, asked, now, None)[0])
+    assert ways == goes
 
 
 def next_way(torque: float, *, swings: float = 0.0) -> float | None:

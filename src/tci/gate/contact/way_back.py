@@ -104,7 +104,8 @@ def go_on(scene: Scene, group: Group, seen: Seen) -> Array | None:
         return group.goes(group.first.eased(seen))
     if not group.thing and group.first.may_press(seen.references - here):
         return group.goes(group.first.last(here))
-    unloaded = None if group.unloaded or group.thing else _unloads(scene, group, seen)
+    stays = group.unloaded or group.thing or group.answer == "stop"
+    unloaded = None if stays else _unloads(scene, group, seen)
     if unloaded is not None:
         group.unloaded = True
         return group.goes(unloaded)

@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from dataclasses import dataclass
 from enum import IntEnum, unique
+from math import ceil, inf, log10
 from typing import Any
 
 MOST = 100
@@ -14,6 +15,12 @@ FIGURES = re.compile(r"\b\d[\d.]*")
 """Pattern that finds the numbers in a text, but not the digits in names."""
 OTHERS = "other reasons"
 """Name under which all further reasons are counted together, once `MOST` kinds are counted separately."""
+
+
+def decimals(value: float, bound: float, least: int) -> int:
+    """How many decimals show that `value` is not `bound`: `least`, or more."""
+    apart = abs(value - bound)
+    return max(least, ceil(-log10(apart))) if 0.0 < apart < inf else least
 
 
 @unique

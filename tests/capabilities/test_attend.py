@@ -114,6 +114,8 @@ def test_the_gaze_returns_when_nobody_touches() -> None:
 def test_what_it_does_not_take_is_told() -> None:
     with pytest.raises(TciError, match=r"attend: patience 0; valid: above 0, finite"):
         tci.Attend(patience=0)
+    with pytest.raises(TciError, match=r"attend: people 5; valid: a sequence of tci\.body\.Struck"):
+        tci.Attend(people=5)  # type: ignore[arg-type]
     robot = TouchedRobot("nao")
     with pytest.raises(CommandError, match=r"valid: a finite point"):
         robot.body.look_at(robot.perceive(), [1.0, np.nan, 0.0])

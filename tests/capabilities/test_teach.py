@@ -246,6 +246,12 @@ def test_a_lesson_is_written_as_a_gesture(tmp_path: Path) -> None:
         expect_lesson(tci.WithdrawalReflex(), tmp_path / "other.csv")
 
 
+def test_a_companion_names_the_setting_that_was_wrong() -> None:
+    for force in (0.5, 50.0, np.nan):
+        with pytest.raises(TciError, match=r"companion: lightly .*; valid: 1 to 30"):
+            Companion(lightly=force)
+
+
 def test_whoever_presses_too_hard_gets_the_reflex() -> None:
     layers = tci.Arbiter([tci.Teach(), tci.WithdrawalReflex()])
     scene = Scene("icub", layers)

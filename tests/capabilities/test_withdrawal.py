@@ -407,6 +407,9 @@ def test_wrong_settings_are_refused() -> None:
             WithdrawalReflex(refractory=refractory)
     with pytest.raises(TciError, match="valid: blended, meant, printed"):
         WithdrawalReflex(response="square")
+    for people in (5, None, ["chest"]):
+        with pytest.raises(TciError, match=r"withdrawal: people .*; valid: a sequence of tci\.body\.Struck"):
+            WithdrawalReflex(people=people)  # type: ignore[arg-type]
 
 
 def test_a_part_that_is_no_generic_arm_is_refused() -> None:

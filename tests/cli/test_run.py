@@ -44,6 +44,20 @@ def test_a_poke_is_answered() -> None:
     assert told["gate"]["refusals"] == 0
 
 
+def test_a_poke_that_comes_after_the_end_is_told() -> None:
+    early = ("run", "withdrawal", "nao", "--poke", "--duration", "0.2")
+    words = "the simulated finger did not touch left_forearm: the run ended before; valid: --duration 1"
+    assert words in told_by(*early, status=1)
+    assert json.loads(told_by(*early, "--json", status=1))["missed_touches"][0].startswith(words)
+
+
+def test_where_a_finger_meets_other_skin_first_it_says_that_it_reaches_none() -> None:
+    """The sleeves of a NAO cover the switches on its hands: its forearm was poked, and its hand named."""
+    told = told_by("run", "soft-hands", "nao", "--poke", "--duration", "0.5")
+    assert "the simulated finger pokes left_forearm: it reaches no skin that soft-hands needs" in told
+    assert "touched left_forearm" in told
+
+
 class Idle(tci.Capability[None]):
     """Answers nothing."""
 

@@ -45,7 +45,8 @@ def flat(text: str) -> str:
 @pytest.mark.parametrize("name", FELT)
 def test_a_poke_touches_what_exists_and_is_filmed(name: str, patch: str, tmp_path: Path) -> None:
     words = ("run", "withdrawal", given(name, patch), "--poke", "--duration")
-    said = flat(tci(*words, "0.02", "--film", str(tmp_path / "film.gif")))
+    said = flat(tci(*words, "0.02", "--film", str(tmp_path / "film.gif"), status=1))
+    assert "did not touch" in said
     assert BARE[name] in said
     with Image.open(tmp_path / "film.gif") as film:
         assert np.ptp(np.asarray(film.convert("L"))) > 50

@@ -22,6 +22,7 @@ from tci.capabilities.capability import Capability
 from tci.errors import CommandError, TciError, UnknownNameError
 from tci.gate.contact import reaction
 from tci.gate.contact.settings import ContactSettings
+from tci.gate.contact.streams import Stream
 from tci.gate.contact.weights import bends
 from tci.gate.gate import Gate, GateSettings, GateState
 from tci.gate.joint_monitor import Reference
@@ -280,6 +281,13 @@ def test_a_joint_that_is_where_its_stream_asks_lets_no_other_joint_go_on() -> No
     assert len(held.told) == 1
     assert len(held.safe.refusals) == 1
     assert held.sent[2] < held.at
+
+
+def test_a_stream_bears_a_clock_that_stands_at_minus_infinity() -> None:
+    stream, order = Stream(np.arange(3)), position_command([2], [1.5])
+    with np.errstate(invalid="raise"):
+        for now in np.full(2, -np.inf):
+            assert stream.refuses(make_robot(), order, np.zeros(6), now, blocked=True, handled=False)
 
 
 def test_a_stream_that_a_contact_interrupts_begins_anew_after_a_pause() -> None:

@@ -39,7 +39,7 @@ TOOLS: dict[str, Tool] = {
     "run --poke": lambda robot, out: ("run", "withdrawal", robot, "--poke", "--duration", "0.5"),
     "run --touch": _touch,
     "run --film": lambda robot, out: (
-        "run", "withdrawal", robot, "--poke", "--duration", "0.1", "--film", str(out / "film.gif"),
+        "run", "withdrawal", robot, "--poke", "--duration", "0.4", "--film", str(out / "film.gif"),
     ),
     "demo": lambda robot, out: ("demo", robot, "--headless", "--out", str(out)),
     "check --simulate": lambda robot, out: ("check", robot, "--simulate"),

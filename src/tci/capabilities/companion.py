@@ -12,9 +12,10 @@ from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.capability import Capability
 from tci.capabilities.finger_reflex.capability import FingerReflex
 from tci.capabilities.needs import Need
-from tci.capabilities.teach.capability import Taught, Teach
+from tci.capabilities.teach.capability import MOST, Taught, Teach
 from tci.capabilities.teach.motion import Motion
 from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.errors import TciError
 from tci.gestures.gesture import Gesture
 
 LIGHTLY = 8.0
@@ -38,6 +39,9 @@ class Companion(Arbiter):
     """Force [N] up to which touches guide; above it the reflexes answer."""
 
     def __post_init__(self) -> None:
+        least, most = MOST
+        if not least <= self.lightly <= most:
+            raise TciError(f"companion: lightly {self.lightly}; valid: {least:g} to {most:g}")
         layers = (
             Teach(gesture=self.gesture, most=self.lightly),
             WithdrawalReflex(),

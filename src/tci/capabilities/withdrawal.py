@@ -40,7 +40,7 @@ from tci.messages import (
 )
 from tci.messages.frames import Array, read_only
 from tci.reasons import Reason
-from tci.robot.blow import PEOPLE, Struck
+from tci.robot.blow import PEOPLE, Struck, checked_people
 from tci.robot.generic_arm import JOINTS, SEGMENTS
 
 INITIAL = read_only(np.deg2rad([25.0, 25.0, 0.0, 60.0, 0.0]))
@@ -121,6 +121,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         object.__setattr__(self, "_motions", read_only(motions))
         mode = Mode.of(self.mode)
         object.__setattr__(self, "mode", mode)
+        object.__setattr__(self, "people", checked_people("withdrawal", self.people))
         if not 0.0 < self.refractory < np.inf:
             raise TciError(f"withdrawal: refractory {self.refractory} s; valid: above 0 and finite")
         if self.response not in RESPONSES:

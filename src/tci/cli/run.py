@@ -57,8 +57,8 @@ def run(
 ) -> None:
     """Run a capability on a robot. Prints touches, commands, holds, refusals and clamps immediately. A real
     robot moves only with --arm. Without --arm, TCI only reads the robot's data. The exit status is 1 if the
-    gate stopped the robot, if it refused every command, if a hand did not touch, or if --lesson got
-    none. While it runs, type reset or free.
+    gate stopped the robot, if it refused every command, if a finger or hand did not touch, or if --lesson
+    got none. While it runs, type reset or free.
 
     Example:  tci run withdrawal nao --duration 1 --poke --fault stall@0.32
 
@@ -103,7 +103,7 @@ def run_capability(
     rehearsal: bool = False,
 ) -> None:
     """Runs a capability and prints the events. Exits with status 1 if the gate stopped the robot or refused
-    every command, or if a hand found no room for a touch.
+    every command, or if the finger or a hand did not touch.
 
     Args:
         name: Name of the capability, MODULE:CLASS, or the path of a policy (.onnx) or of fields (.toml).
@@ -162,12 +162,13 @@ def run_capability(
         missing = lacks(capability, driver.robot)
         if missing and not as_json:
             tell_lacks(name, missing, driver.robot)
-        poked = ""
+        by_finger = poked = ""
         if poke:
-            poked = sessions.poke_skin(driver, capability)
-            if not as_json:
-                words = f"pokes {poked}" if poked else f"finds no skin on {driver.robot.name} to poke"
-                console.print(f"the simulated finger {words}", style="dim")
+            by_finger = poked = sessions.poke_skin(driver, capability)
+            if poked and not as_json:
+                needed = sessions.skin_needed(capability, driver.robot)
+                why = f": it reaches no skin that {name} needs" if needed and poked not in needed else ""
+                console.print(f"the simulated finger pokes {poked}{why}", style="dim")
         if asked is not None:
             asked.begin(driver)
             poked = asked.planned[0].patch
@@ -201,8 +202,11 @@ def run_capability(
         if not as_json:
             console.print(f"film {film}: {pictures} pictures", highlight=False, markup=False)
     taught = None if lesson is None else save_lesson(session.memory, driver.robot, lesson)
+    missed = [] if asked is None else asked.not_done(driver)
+    if poke:
+        missed += sessions.not_poked(driver, by_finger)
     if as_json:
-        touched = {} if asked is None else asked.to_json(driver) | {"missed_touches": asked.not_done(driver)}
+        touched = ({} if asked is None else asked.to_json(driver)) | {"missed_touches": missed}
         saved = {} if lesson is None else {"lesson_s": None if taught is None else taught.duration}
         print_json(session.to_json() | touched | saved)
     else:
@@ -229,9 +233,8 @@ def run_capability(
             )
     if isinstance(session.error, SystemExit | KeyboardInterrupt):
         raise SystemExit(session.error.code if isinstance(session.error, SystemExit) else 130)
-    missed = () if asked is None else asked.not_done(driver)
     for words in () if as_json else missed:
-        console.print(f"a hand did not touch at {words}", style="yellow", highlight=False, markup=False)
+        console.print(words, style="yellow", highlight=False, markup=False)
     if session.failed or missed or (lesson is not None and taught is None):
         raise SystemExit(1)
 

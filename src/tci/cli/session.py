@@ -8,6 +8,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -247,12 +248,35 @@ def poke_skin(driver: Driver, capability: Capability[Any] | None = None) -> str:
     """
     if not isinstance(driver, SimulatedDriver):
         raise CommandError("--poke needs a simulated robot; valid: --via sim")
-    robot, needs = driver.robot, () if capability is None else capability.needs
-    wanted = {patch.name for need in needs for patch in need.skin_of(robot)}
+    robot, world = driver.robot, driver.world
+    wanted = set() if capability is None else skin_needed(capability, robot)
     places = touchable(Skin(robot), driver.read().joints, [field.place for field in default_fields()])
-    best = sorted(places, key=lambda one: one.place.patch not in wanted)
-    poked = poke_first(driver.world, best, speed=0.25, depth=0.01, gap=0.25 * POKE_DELAY)  # about 8 N
-    return "" if poked is None else poked.place.patch
+    for one in sorted(places, key=lambda one: one.place.patch not in wanted):
+        poked = poke_first(world, [one], speed=0.25, depth=0.01, gap=0.25 * POKE_DELAY)  # about 8 N
+        if poked and not world.finger.covered(one.place.patch):
+            return one.place.patch
+    world.finger.retire()
+    return ""
+
+
+def skin_needed(capability: Capability[Any], robot: Robot) -> set[str]:
+    """The patches of a robot that count as the skin that a capability needs."""
+    return {patch.name for need in capability.needs for patch in need.skin_of(robot)}
+
+
+def not_poked(driver: Driver, patch: str) -> list[str]:
+    """Why the simulated finger, after a run that began with `poke_skin`, has not touched `patch`; empty if it
+    has."""
+    assert isinstance(driver, SimulatedDriver)  # `poke_skin` refuses others
+    if not patch:
+        return [f"the simulated finger found no skin on {driver.robot.name} to poke; robots: tci robots"]
+    if driver.world.finger.first_contact is not None:
+        return []
+    ended = f"the simulated finger did not touch {patch}"
+    enough = ceil(2.0 * POKE_DELAY)
+    if driver.world.time >= enough:
+        return [f"{ended}: the robot moved away before"]
+    return [f"{ended}: the run ended before; valid: --duration {enough} or more, or none"]
 
 
 @contextlib.contextmanager

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from tci.lab.show.touch_show import Scene
+    from tci.robot.description import Robot
 
 SHOWS = ("touch",)
 
@@ -24,31 +25,35 @@ SHOWS = ("touch",)
 def play_show(name: str, robots: Sequence[str], out: Path, *, headless: bool, as_json: bool) -> None:
     """Plays a show on the robots `robots`; without names on those of the show.
 
-    Raises UnknownNameError for another show. Raises CommandError if `out` is a file.
+    Raises UnknownNameError for another show. Raises CommandError if `out` is a file, or for a robot without
+    skin where the show touches it.
     """
     if name not in SHOWS:
         raise UnknownNameError("show", name, SHOWS)
     if out.exists() and not out.is_dir():
         raise CommandError(f"{out} is a file; valid: --out FOLDER, for what the robot is taught")
+    from tci.cli.robots import load_robots
     from tci.lab.show.acts import CAST
+    from tci.lab.show.touch_show import check_cast
 
+    loaded = load_robots(robots or CAST)
+    check_cast(loaded)
     out.mkdir(parents=True, exist_ok=True)
     lesson = out / "lesson.csv"
     if headless or as_json:
-        _tell(robots or CAST, out, lesson, as_json=as_json)
+        _tell(loaded, out, lesson, as_json=as_json)
     else:
-        _in_the_browser(robots or CAST, out, lesson)
+        _in_the_browser(loaded, out, lesson)
 
 
-def _tell(names: Sequence[str], out: Path, lesson: Path, *, as_json: bool) -> None:
+def _tell(robots: Sequence[Robot], out: Path, lesson: Path, *, as_json: bool) -> None:
     from rich.progress import Progress
 
-    from tci.cli.robots import load_robots
     from tci.lab.show.acts import ACTS
     from tci.lab.show.touch_show import TouchShow
 
-    played = TouchShow(load_robots(names), lesson)
-    count = sum(1 if act.teaches else len(names) for act in ACTS)
+    played = TouchShow(robots, lesson)
+    count = sum(1 if act.teaches else len(robots) for act in ACTS)
     with told_here(), Progress(console=console, transient=True, disable=as_json) as progress:
         task = progress.add_task("the people come", total=count)
         played.play(progress=lambda words: progress.update(task, advance=1, description=words))
@@ -76,9 +81,8 @@ def _table(title: str, scenes: Sequence[Scene]) -> Table:
     return table
 
 
-def _in_the_browser(names: Sequence[str], out: Path, lesson: Path) -> None:
+def _in_the_browser(robots: Sequence[Robot], out: Path, lesson: Path) -> None:
     from tci.capabilities.companion import Companion
-    from tci.cli.robots import load_robots
     from tci.cli.view import needs_viewer, serve_page
 
     needs_viewer()
@@ -89,7 +93,6 @@ def _in_the_browser(names: Sequence[str], out: Path, lesson: Path) -> None:
     from tci.lab.viewer.session import Session
 
     about = {"middleware": "sim", "capability": NAME}
-    robots = load_robots(names)
     sessions = [Session(connect(robot, "sim", **WORLD), Companion(), about=about) for robot in robots]
     live = LiveShow(sessions, lesson)
     viewer = Viewer(sessions, port=0, folder=out / "recordings", told=lambda: live.words, again=live.start)

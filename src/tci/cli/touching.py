@@ -79,7 +79,8 @@ class Asked:
         assert isinstance(driver, SimulatedDriver)
         late = sorted({one.onset for one in self.planned if one.onset >= driver.world.time})
         short = f"the run ended before; valid: --duration {ceil(self.end)} or more, or none"
-        return [f"{onset:.3f} s: {short}" for onset in late] + self.missed(driver)
+        reasons = [f"{onset:.3f} s: {short}" for onset in late] + self.missed(driver)
+        return [f"a hand did not touch at {one}" for one in reasons]
 
     def to_json(self, driver: Driver) -> dict[str, Any]:
         return {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
@@ -25,7 +24,7 @@ from tci.gate.speeds import Slope
 from tci.gate.torque import TorqueLimiter
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.messages.frames import Array, frozen
-from tci.reasons import Code, Reason
+from tci.reasons import Code, Reason, decimals
 from tci.robot.description import Robot
 from tci.robot.joint_calibration import Tool
 
@@ -385,7 +384,7 @@ class Motion:
             if abs(asked - allowed) > 2 * MARGIN:
                 name = self.robot.servos[servo].name
                 self._tally.clamps[name] += 1
-                digits = max(2, math.ceil(-math.log10(abs(asked - allowed))))  # so many that they differ
+                digits = decimals(asked, allowed, 2)
                 both = (_amount(value, unit, digits) for value in (asked, allowed))
                 text = f"{name}: {' asked, clamped to '.join(both)}"
                 clamped.append(Reason(Code.CLAMPED, text, (name,)))

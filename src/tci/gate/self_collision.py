@@ -15,7 +15,7 @@ from tci.errors import TciError
 from tci.gate.kernels.clearance_bounds import come_near, follow, stand
 from tci.gate.kernels.solids import Solids
 from tci.messages.frames import Array
-from tci.reasons import Code, Reason
+from tci.reasons import Code, Reason, decimals
 from tci.robot.clearance import Clearance, without_skin
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
@@ -127,10 +127,11 @@ class SelfCollision:
             if (then < now).any():
                 worst = int(np.argmin(np.where(then < now, then, np.inf)))
                 first, second = self._clearance.names(int(pairs[worst]))
+                least, comes = self.margin * 1e3, float(then[worst]) * 1e3
                 return Reason(
                     Code.SELF_COLLISION,
-                    f"{first} would come {then[worst] * 1e3:.1f} mm near {second}; "
-                    f"valid: at least {self.margin * 1e3:g} mm",
+                    f"{first} would come {comes:.{decimals(comes, least, 1)}f} mm near {second}; "
+                    f"valid: at least {least:g} mm",
                     (first, second),
                 )
         return None

@@ -9,14 +9,14 @@ The servos' reference moves on at the speed of the blow until the reaction.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tci.errors import CommandError
+from tci.errors import CommandError, TciError
 from tci.messages.frames import Array, read_only
 from tci.robot.description import Robot
 from tci.robot.kernels.blow import Drives, behind, peak, spare
@@ -55,6 +55,15 @@ PEOPLE = (
 )
 """Regions of adults: twice the quasi-static forces of ISO/TS 15066:2016, Annex A, as two public sources print
 them. Skull and face are left out: no force is permitted there."""
+
+
+def checked_people(whose: str, people: Sequence[Struck]) -> tuple[Struck, ...]:
+    """`people` as a tuple. Raises TciError, which names `whose` setting it is, for anything else."""
+    found = tuple(people) if isinstance(people, Iterable) else None
+    if found is None or not all(isinstance(one, Struck) for one in found):
+        valid = "a sequence of tci.body.Struck, such as tci.body.PEOPLE; () for nobody"
+        raise TciError(f"{whose}: people {people!r}; valid: {valid}")
+    return found
 
 
 class Striker(NamedTuple):

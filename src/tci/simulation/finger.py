@@ -16,7 +16,7 @@ from tci.robot.neutral import neutral
 from tci.simulation.physics import Physics, exclusive
 from tci.simulation.posed_skin import PosedSkin
 from tci.simulation.stepping import POKE
-from tci.simulation.touch import FINGER_PRIORITY, FINGER_TIP, stiff
+from tci.simulation.touch import FINGER_PRIORITY, FINGER_TIP, skin_geom, stiff
 from tci.support.engine import mujoco
 
 RADIUS = 0.005
@@ -217,6 +217,22 @@ class Finger:
         point, outward = self._skin.point(patch, place, normal)
         self._start(point, outward, speed, depth, gap)
         self._check_way(patch, gap)
+
+    @exclusive
+    def covered(self, patch: str) -> bool:
+        """True if the tip would meet another patch before `patch`, to which this poke was sent."""
+        data, own = self._physics.data, {self._geom, self._physics.model.geom(skin_geom(patch)).id}
+        data.qpos[self.qpos] = self._poke["end"] - self._poke["depth"]
+        self._physics.touch()
+        self._physics.refresh()
+        found = data.contact[: data.ncon]
+        inside = any(
+            self._geom in one.geom and one.dist < -_OVERLAP and not own.issuperset(one.geom) for one in found
+        )
+        data.qpos[self.qpos] = 0.0
+        self._physics.touch()
+        self._physics.refresh()
+        return inside
 
     @exclusive
     def poke_at(

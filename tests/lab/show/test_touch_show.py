@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import tci
+from helpers.command_line import tci as told_by
 from helpers.taught import hands_apart
 from tci.capabilities import ArbiterMemory, Companion
 from tci.drivers.simulated import SimulatedDriver
@@ -23,6 +24,15 @@ from tci.lab.viewer.session import Session
 from tci.messages.frames import Array
 
 PATIENCE = 120.0
+
+
+@pytest.mark.parametrize("way", ["--headless", "--json"])
+def test_a_robot_without_skin_where_it_is_touched_is_not_in_the_show(way: str, tmp_path: Path) -> None:
+    out = tmp_path / "show"
+    told = told_by("demo", "ur5", "--show", "touch", "--out", str(out), way, status=1).replace("\n", " ")
+    assert "ur5 can't be in the show: it has no skin on 'right forearm', where people touch it" in told
+    assert all(name in told.partition("valid: ")[2] for name in CAST)
+    assert not out.exists()
 
 
 class Seen:

@@ -18,6 +18,7 @@ from tci.capabilities.needs import Need
 from tci.errors import TciError
 from tci.messages import Contact, GenericCommand, Mode, Order, Perception
 from tci.messages.frames import Array, read_only
+from tci.robot.blow import checked_people
 
 STILL = 0.1
 """Speed [rad/s] of its joints below which a part has withdrawn: 3 % of the peak of a slow withdrawal."""
@@ -111,6 +112,7 @@ class Attend(Capability[Attention]):
             if not least <= getattr(self, name) < np.inf:
                 valid = "0 or more" if least == 0.0 else "above 0"
                 raise TciError(f"attend: {name} {getattr(self, name)}; valid: {valid}, finite")
+        object.__setattr__(self, "people", checked_people("attend", self.people))
 
     def init(self, body: GenericBody) -> Attention:
         return Attention()

@@ -26,6 +26,8 @@ from tci.gestures.gesture import Gesture, fit
 from tci.messages import Contact, ExpectContact, GenericCommand, Mode, Order, Perception, SwitchMode
 from tci.messages.frames import Array, read_only
 
+MOST = (1.0, 30.0)
+"""Least and greatest force [N] up to which a contact may be handled."""
 SOLE = "foot"
 """Segment of the skin that carries a standing robot."""
 STIFFLY = 6.0
@@ -118,7 +120,7 @@ class Teach(Capability[Taught]):
     """Speed [m/s] of the hand on its way to where a motion begins."""
 
     def __post_init__(self) -> None:
-        ranges = {"most": (1.0, 30.0), "softness": (0.0, 1.0), "approach": (0.01, 0.5)}
+        ranges = {"most": MOST, "softness": (0.0, 1.0), "approach": (0.01, 0.5)}
         for name, (least, most) in ranges.items():
             if not least <= getattr(self, name) <= most:
                 raise TciError(f"teach: {name} {getattr(self, name)}; valid: {least:g} to {most:g}")

@@ -49,6 +49,7 @@ class Stream:
         order."""
         if handled or not isinstance(order, PlatformCommand) or order.mode not in STREAMED:
             return blocked
+        now = float(now)  # of NumPy's floats, the difference of two infinities warns
         goes_on = 0.0 <= now - self._last <= PAUSE
         if not blocked and (not goes_on or self._last - self._since < LONG):
             self.forget()

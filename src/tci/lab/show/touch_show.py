@@ -16,11 +16,13 @@ from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError
 from tci.gestures.files import write_csv
 from tci.gestures.gesture import Gesture
-from tci.lab.show.acts import ACTS, Act
+from tci.lab.show.acts import ACTS, CAST, Act
 from tci.lab.viewer.labels import without_numbers
 from tci.messages.frames import Array
 from tci.robot.description import Robot
 from tci.runtime.loop import Tick, run
+from tci.touches.places import NoSkinError, find_spot
+from tci.touches.touch import parse_touch
 
 WORLD: Mapping[str, Any] = {"people": 2, "self_touch": False, "step": 0.002, "rate": 100.0}
 """Worlds of the show, as the viewer's: two people, since a hand needs time to come back."""
@@ -88,6 +90,21 @@ class TouchShow:
         if act.teaches:
             self.lesson = taught(result.memory, robot, self.file)
         return Scene(robot.name, act.name, max(felt), _moved(postures), tuple(said.values()))
+
+
+def check_cast(robots: Sequence[Robot]) -> None:
+    """Raises CommandError if the show touches one of the robots where it has no skin."""
+    for number, robot in enumerate(robots):
+        body = GenericBody(robot)
+        for act in ACTS if number == 0 else [act for act in ACTS if not act.teaches]:
+            for touch in map(parse_touch, act.on(robot)):
+                try:
+                    find_spot(body, touch.place)
+                except NoSkinError:
+                    raise CommandError(
+                        f"{robot.name} can't be in the show: it has no skin on {touch.place!r}, where people "
+                        f"touch it; valid: robots with skin on both forearms, and {', '.join(CAST)}"
+                    ) from None
 
 
 def taught(memory: Any, robot: Robot, file: Path) -> Gesture:

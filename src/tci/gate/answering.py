@@ -94,7 +94,8 @@ class Answering:
 
     @property
     def excused(self) -> frozenset[int]:
-        """Servos that a contact moves, that somebody leads, or that overshoot, now: they need not follow."""
+        """Servos that a contact moves, that somebody leads, or whose motors lack torque, now: they need not
+        follow."""
         own = self._reaction
         return frozenset() if own is None else own.blocked | own.led | own.overshoots
 

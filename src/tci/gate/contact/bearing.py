@@ -60,6 +60,8 @@ class Bearing:
     def __init__(self, robot: Robot, weight: OwnWeight, *, known: bool) -> None:
         """`known`: readings are so regular that it is known when joints accelerate."""
         self._robot, self._weight, self._known = robot, weight, known
+        self.dynamics: Dynamics | None = None
+        """Of the links with what they carry; None without masses."""
         levers = longest_levers(robot)
         limits = np.array([servo.limits.torque or np.inf for servo in robot.servos])
         self.least = np.where(levers > 0.0, np.maximum(SHARE * limits, BARE * levers), np.inf)
@@ -84,10 +86,10 @@ class Bearing:
 
     def load(self, tools: Mapping[str, Tool]) -> None:
         """Sets what links carry, by the name of the link."""
-        robot, self._dynamics = without_skin(self._robot), None
+        robot, self.dynamics = without_skin(self._robot), None
         try:
             self._inertia = inertia_range(robot, tuple(tools.items())).largest
-            self._dynamics = Dynamics(robot, JointCalibration(robot=robot.name, tools=dict(tools)))
+            self.dynamics = Dynamics(robot, JointCalibration(robot=robot.name, tools=dict(tools)))
         except (DescriptionError, UnknownNameError):
             self._inertia = np.full((len(self.least),) * 2, np.inf)
 
@@ -188,7 +190,7 @@ class Bearing:
         change = joints.torque - even.torque
         counts = self._counts(joints, self._borne(even, self.least))
         recent = [one for one in self._changes if one.ended >= since]
-        if self._dynamics is None:
+        if self.dynamics is None:
             return np.full(len(counts), np.inf) if recent else counts
         if not (np.abs(change) > TELLS * counts).any():
             return counts
@@ -207,9 +209,9 @@ class Bearing:
 
     def _turning(self, position: Array, velocity: Array) -> tuple[Array, Array]:
         """Inertia (n_servos, n_servos) [kg m2], and torques (n_servos,) [N m] by which links turn others."""
-        assert self._dynamics is not None
-        inertia, bias = self._dynamics.at(position, velocity)
-        return inertia, bias - self._dynamics.at(position, np.zeros(len(velocity)))[1]
+        assert self.dynamics is not None
+        inertia, bias = self.dynamics.at(position, velocity)
+        return inertia, bias - self.dynamics.at(position, np.zeros(len(velocity)))[1]
 
     def _takes(self) -> Array:
         """By how much torques (n_servos,) [N m] may change since references changed their speed."""

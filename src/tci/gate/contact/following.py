@@ -13,6 +13,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.gate.contact.overloads import Overloads
 from tci.gate.contact.overshoots import STANDS, Overshoots
 from tci.gate.joint_monitor import Reference
 from tci.gate.kernels.lags import find_lags, find_span, rows_at
@@ -110,7 +111,7 @@ class Following:
         """Angle [rad] by which each joint is behind its reference; 0 if that is little."""
         self.runs = Overshoots(count)
         self.beyond = np.zeros(count, bool)
-        """Joints that ran beyond their references by more than `held`, and brake."""
+        """Joints outside their recent references by more than `held` that brake beyond them, or yield."""
         self._past = History(count)
         self._readings: deque[tuple[float, Array]] = deque()
         self._rests = np.full(count, np.nan)
@@ -184,9 +185,9 @@ class Following:
         self.runs.look(joints, self.side, np.ones(len(self.side), bool), rows[-1] - rows[0])
         return True
 
-    def error(self, joints: JointReading, reference: Reference) -> Array:
+    def error(self, joints: JointReading, reference: Reference, overloads: Overloads) -> Array:
         """Angle (n_servos,) [rad] of each joint outside its recent references, more than `held` if it stands
-        while they went on; NaN for servos that follow no reference."""
+        while they went on; NaN for servos that follow no reference. 0 for those that yield to `overloads`."""
         since, there = self._read(joints)
         passed = joints.stamp - since
         times, rows = self._past.times, self._past.rows
@@ -199,8 +200,7 @@ class Following:
         side = np.where(joints.position < 0.5 * (low + high), 1.0, -1.0)
         passes = (outside <= 0.0) | (side != self.side)
         brakes = self.runs.look(joints, side, passes, rows[-1] - rows[0])
-        self.side, self.beyond = side, brakes & (error > self._held)
-        self.runs.note(self.beyond, joints.stamp)
+        self.side = side
         # a joint whose velocity says that it goes on is not held: its encoder is wrong, as the monitor tells
         goes = self.side * joints.velocity > STANDS
         goes[reference.servos] &= np.abs(joints.velocity[reference.servos]) > CREEPS * np.abs(
@@ -220,8 +220,11 @@ class Following:
             behind = (rows[-1] - joints.position) * np.sign(ways[0]) > CLEAR * self._held
             stands = (least > SLOWEST) & (gone < SHARE * least) & behind
             error[stands] = np.maximum(error, self._held + least - gone)[stands]
+        yields = overloads.yields(self.side, joints.stamp) & np.isfinite(error)
+        self.beyond = (brakes | yields) & (error > self._held)
+        self.runs.note(self.beyond, joints.stamp)
         # whose references are too new to tell is not late yet
-        error[goes | brakes | arrives | (np.isnan(error) & np.isfinite(rows[-1]))] = 0.0
+        error[goes | brakes | yields | arrives | (np.isnan(error) & np.isfinite(rows[-1]))] = 0.0
         pull = rows[-1] - joints.position
         # what lags goes the same way; a servo without reference pulls nowhere
         self.pull = np.where(np.abs(pull) >= 0.5 * CLEAR * self._held, pull, 0.0)

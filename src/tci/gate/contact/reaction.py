@@ -76,7 +76,7 @@ class ContactReaction:
         self.led: frozenset[int] = frozenset()
         """Servos that somebody leads, harder than a capability handles: they need not follow now."""
         self.overshoots: frozenset[int] = frozenset()
-        """Servos that ran beyond their references and brake."""
+        """Servos that ran beyond their references and brake, or yield to what motion asks of their motors."""
         self.reason: Reason | None = None
         """Why the gate must stop: a part met something too often."""
         self.softer: dict[int, float] = {}
@@ -89,6 +89,7 @@ class ContactReaction:
         self._excused = bends(self._robot, tools)
         self._easing.load(self._robot, tools)
         self._scene.bearing.load(tools)
+        self._scene.overloads.load(self._scene.bearing.dynamics)
 
     def expect(self, servos: NDArray[np.intp], force: float, now: float) -> None:
         """Leaves contact up to `force` [N] on the skin of these servos' groups to a capability."""
@@ -190,6 +191,7 @@ class ContactReaction:
         """After the clock went back. Ways back that have begun go on."""
         self._scene.following.forget()
         self._scene.bearing.forget()
+        self._scene.overloads.forget()
         self._stamp = -np.inf
         for group in self._groups.values():
             group.reactions.clear()
@@ -241,6 +243,7 @@ class ContactReaction:
         scene.now = now
         scene.following.remember(reference, now)
         scene.bearing.remember(reference, now)
+        scene.overloads.remember(reference, joints.position, now)
         self._note_motion(reference)
         if joints.stamp <= self._stamp:
             return [], []
@@ -260,7 +263,7 @@ class ContactReaction:
             self.met, self.led, self.overshoots = (), frozenset(), frozenset()
             self._waiting.forget()
             return [], []
-        error = scene.following.error(joints, reference)
+        error = scene.following.error(joints, reference, scene.overloads)
         self.overshoots = frozenset(np.flatnonzero(scene.following.beyond).tolist())
         soft = any(one.sags.soft for one in self._groups.values())
         weights = self._easing.weights(joints.position) if soft else np.zeros(len(error))

@@ -10,6 +10,7 @@ from tci.gate.contact.felt import FeltContact, FeltForces
 from tci.gate.contact.following import PROGRESS, Following
 from tci.gate.contact.group import Group
 from tci.gate.contact.noticing import Seen
+from tci.gate.contact.overloads import Overloads
 from tci.gate.contact.own_weight import OwnWeight
 from tci.gate.contact.places import Places
 from tci.gate.contact.settings import ContactSettings
@@ -44,6 +45,7 @@ class Scene:
         self.things = Things(robot, settings.fixtures)
         self.places = Places(robot)
         self.bearing = Bearing(robot, weight, known=settings.stands)
+        self.overloads = Overloads(robot)
         self.softens = settings.softens and weight.known
         """Whether a part goes back from somebody softly."""
         self.soles: list[Patch] = []

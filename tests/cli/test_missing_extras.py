@@ -153,6 +153,16 @@ def test_the_doctor_tells_every_driver_that_lacks_its_library(said: dict[str, tu
         assert VIAS[name] in found[f"driver {name}"]["advice"]
 
 
+def test_the_doctor_tells_the_extra_of_every_robot_that_lacks_its_model(
+    said: dict[str, tuple[object, str]],
+) -> None:
+    found = [each for each in json.loads(said[DOCTOR][1])["findings"] if each["subject"].startswith("robot ")]
+    lacking = [each["what"] for each in found if each["level"] != "ok"]
+    assert len(lacking) > 8
+    for what in lacking:
+        assert advice("icub") in what or advice("robots") in what, what
+
+
 @pytest.mark.parametrize(
     ("via", "told"),
     [

@@ -84,8 +84,8 @@ def _show(report: SafetyReport) -> None:
     table = Table(
         title=f"{report.robot.name}: the worst of {report.impacts} contacts",
         caption="peak: if nothing notices the contact, and if TCI does after "
-        f"{report.parameters['reaction_s'] * 1e3:.0f} ms (equal where the peak comes sooner); over: share of "
-        "contacts over the limit; held: what lasts if nothing lets go",
+        f"{report.parameters['reaction_s'] * 1e3:.0f} ms (equal where the peak comes sooner, more in a few); "
+        "over: share of contacts over the limit; held: what lasts if nothing lets go",
         box=box.SIMPLE_HEAD, pad_edge=False,
     )  # fmt: skip
     for name in (

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable
 
 import pytest
 
 import tci
 from helpers.desk import Desk, turn_head
+from tci.capabilities.capability import lacks
 from tci.cli.serve import serve
 from tci.drivers import registry
 from tci.drivers.simulated import SimulatedDriver
@@ -16,6 +18,7 @@ from tci.gate.safe_command import SafeCommand
 from tci.lab.faults.fault_injector import FaultInjector, parse_fault
 from tci.messages import MonotonicClock, Perception, Reading
 from tci.reasons import MOST
+from tci.runtime.arguments import load_capability
 
 AWAY = 400
 """Number of periods without joint data. In each period the age of the data is different."""
@@ -118,3 +121,13 @@ def test_a_served_simulation_says_that_it_is_late_and_how_to_reach_it(
     assert 2 <= said.count("the simulation is late") <= 3
     assert said.count("0.20 of real time") >= said.count("the simulation is late")
     assert "it ran at 0.2" in said
+
+
+def test_what_it_proposes_fits_the_robot(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A NAO as it is sold has no skin on its arms, so the reflex does nothing there."""
+    monkeypatch.setattr(registry, "open_server", lambda driver, via: Desk(driver, {}))
+    serve("nao-plain", via="desk", duration=0.02)
+    (proposed,) = re.findall(r"tci run (\S+) nao-plain", capsys.readouterr().out)
+    assert not lacks(load_capability(proposed), tci.load_robot("nao-plain"))

@@ -16,6 +16,8 @@ from tci.cli.options import Arm, AsJson, Duration, RobotName, Touches, TouchFile
 if TYPE_CHECKING:
     from tci.runtime.loop import Tick
 
+REFLEX = "withdrawal"
+
 
 def serve(
     robot: RobotName,
@@ -51,6 +53,7 @@ def serve(
 
     Example:  tci serve nao --via zenoh --touch "stroke 'left forearm' 3N 8cm/s"
     """
+    from tci.capabilities.capability import lacks
     from tci.cli.operator import HINT, Operator
     from tci.cli.pace import Pace
     from tci.cli.touch_desk import TouchDesk
@@ -62,6 +65,7 @@ def serve(
     from tci.gate.gate import GateState
     from tci.reasons import OTHERS, Reason, ReasonCounter
     from tci.robot.catalogue import load_robot
+    from tci.runtime.arguments import capabilities_for, load_capability
     from tci.runtime.loop_report import LoopReport
     from tci.runtime.serve import Served
     from tci.runtime.serve import serve as serve_robot
@@ -72,6 +76,9 @@ def serve(
     if source == "sim":  # people who wait do not change what the skin feels of the robot itself
         options = {"paced": True, "people": 1} | ({"self_touch": False} if asked is None else {})
     options |= {} if asked is None else asked.options(source)
+    fits = REFLEX
+    if not as_json and lacks(load_capability(REFLEX), described):
+        fits = next(iter(capabilities_for(described)), REFLEX)
     arm = arm or moves_nothing_real(source)
     report, served, reasons = LoopReport(), Served(), ReasonCounter()
     opened = connect(described, source, arm=arm, **options)
@@ -87,7 +94,7 @@ def serve(
         if not as_json:
             words = f"serving {driver.robot.name} as {server.where()}; end with Ctrl-C"
             console.print(words, highlight=False, markup=False)
-            run = ["tci", "run", "withdrawal", robot, "--via", server.reach()]
+            run = ["tci", "run", fits, robot, "--via", server.reach()]
             words = shlex.join([*run, "--arm"] if source == "sim" else run)
             words = f"to use it, in another terminal: {words}"
             console.print(words, style="dim", highlight=False, markup=False, soft_wrap=True)

@@ -307,7 +307,9 @@ class RigidRobot:
         """Servos whose described torque is below what the acceleration limit needs: (given, needed) [N m]."""
         self.torque = np.maximum(given, 1.2 * needed)
         model.dof_frictionloss[self._dof] = dirt.friction * np.where(given > 0.0, given, self.torque)
-        self._kp, self._kd = total * frequency**2, 2.0 * ratio * total * frequency
+        # also where a joint's own damping rules, as that of Talos' grippers, its servo follows so fast
+        self._kp = np.maximum(total * frequency**2, model.dof_damping[self._dof] * frequency)
+        self._kd = 2.0 * ratio * total * frequency
         model.actuator_biastype[self._motor] = mujoco.mjtBias.mjBIAS_AFFINE
         model.actuator_forcelimited[self._motor] = True
         model.actuator_forcerange[self._motor] = np.column_stack([-self.torque, self.torque])

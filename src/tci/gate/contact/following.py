@@ -32,9 +32,6 @@ and the joint creeps on."""
 OVERSHOOT = 0.1
 """Fraction of the way within the lag by which a servo of 60 rad/s and a damping of 0.7 overshoots when its
 reference turns."""
-ARRIVES, RESTS = 0.2, 1e-6
-"""Time [s] in which a joint must come as near a resting reference as to be free, at its present speed, and
-speed [rad/s] of a reference that rests. The damping of a Talos' gripper takes most of its torque."""
 LAGS = 21
 """Number of lags that are tried, from none to the longest: 5 ms apart by default."""
 FAST = float(np.deg2rad(20.0))
@@ -206,9 +203,6 @@ class Following:
         goes[reference.servos] &= np.abs(joints.velocity[reference.servos]) > CREEPS * np.abs(
             reference.velocity
         )
-        # nor is one with much friction that creeps the last degrees to a reference that rests
-        arrives = self.side * joints.velocity * ARRIVES > error - CLEAR * self._held
-        arrives[reference.servos] &= np.abs(reference.velocity) < RESTS
         if self._known and PROGRESS <= passed < 2.0 * PROGRESS:
             now, then = self._past.at(joints.stamp - self._few), self._past.at(since - self._few)
             ways = now - then
@@ -224,7 +218,7 @@ class Following:
         self.beyond = (brakes | yields) & (error > self._held)
         self.runs.note(self.beyond, joints.stamp)
         # whose references are too new to tell is not late yet
-        error[goes | brakes | yields | arrives | (np.isnan(error) & np.isfinite(rows[-1]))] = 0.0
+        error[goes | brakes | yields | (np.isnan(error) & np.isfinite(rows[-1]))] = 0.0
         pull = rows[-1] - joints.position
         # what lags goes the same way; a servo without reference pulls nowhere
         self.pull = np.where(np.abs(pull) >= 0.5 * CLEAR * self._held, pull, 0.0)

@@ -45,6 +45,8 @@ AHEAD, BACK = 2.0, 0.5
 the direction in which accelerating takes it, and in the other: a servo overshoots."""
 TELLS = 0.4
 """Fraction of what counts below which nothing is told, nor where somebody is."""
+RISES = 0.25
+"""The same from which on a joint may bear the first of what counts later: what dry friction is that turned."""
 VISCOUS = 0.5
 """Fraction of its torque limit that friction of a joint may take more at full speed than at rest: an iCub's
 wrist takes 0.4."""
@@ -69,6 +71,8 @@ class Bearing:
         accelerates."""
         self.counts = self.least
         """The same at the latest reading."""
+        self.rose = np.full(len(robot.servos), np.inf)
+        """Since when each joint bears more [s], little as it may be; inf where it does not."""
         self._velocity = np.zeros(len(robot.servos))
         fastest = np.array([servo.limits.velocity or np.inf for servo in robot.servos])
         self._limits = np.where(np.isfinite(limits), limits, 0.0)
@@ -97,6 +101,7 @@ class Bearing:
         self._changes.clear()
         self._torques.clear()
         self._even.clear()
+        self.rose[:] = np.inf
         self._latest, self._changed, self._swung = np.inf, -np.inf, -np.inf
 
     def remember(self, reference: Reference, now: float) -> None:
@@ -178,6 +183,7 @@ class Bearing:
             more = (np.abs(since) > np.abs(found)) & (np.abs(joints.torque) > np.abs(even[0].torque))
             found, self.counts = np.where(more, since, found), np.where(more, counts, self.counts)
         found[self._asked] = 0.0  # somebody asks for these torques
+        self.rose = np.where(np.abs(found) > RISES, np.minimum(self.rose, joints.stamp), np.inf)
         return found
 
     def _borne(self, one: _Even, counts: Array) -> Borne:

@@ -34,7 +34,8 @@ def meet(scene: Scene, group: Group, seen: Seen, *, freeing: bool) -> tuple[Arra
         elif not noticing.held:
             servo, angle = scene.robot.servos[seen.loosest].name, np.rad2deg(seen.bent)
             what = f"{servo}, which nobody commands, is bent by {angle:.1f} degrees"
-        before, pulled = noticing.before(float(scene.following.lags[seen.worst])), True
+        rose = float(scene.bearing.rose[seen.servos].min())
+        before, pulled = min(noticing.before(float(scene.following.lags[seen.worst])), rose - SOONER), True
     elif seen.felt.made > scene.allowed(group) or crept(scene, group, seen):
         before = max(seen.felt.since - SOONER, seen.joints.stamp - EARLIER)
     elif freeing and (noticing.held or seen.felt.force > LIGHT):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.gate.contact.group import Group
+from tci.gate.contact.noticing import Seen
 from tci.gate.contact.own_weight import OwnWeight
 from tci.gate.contact.weights import FRICTION, MOST, SOFT, bends
 from tci.messages import Contact, JointReading
@@ -26,6 +27,8 @@ HOLDS, SOFTEST = 1.5, 0.01
 stiffness that is left at least: a NAO's servo without any is off."""
 FASTER = 1.5
 """Factor by which the share of a joint rises at once that does not go back, held by dry friction."""
+FINE = float(np.deg2rad(0.5))
+"""Angle [rad] between a reference and its joint below which nobody knows how stiff the servo is."""
 SEEN = 0.03
 """Time [s] from a new share to the reading that tells what a joint bears with it, as a rule. Later ones make
 it softer than asked."""
@@ -39,6 +42,7 @@ class Easing:
 
     def __init__(self, robot: Robot, weight: OwnWeight) -> None:
         self._torque = np.array([servo.limits.torque or np.nan for servo in robot.servos])
+        self._brakes = np.array([servo.limits.acceleration or np.inf for servo in robot.servos])
         self._weight = weight
         self._eased = set[int]()
         self._full = dict[int, float]()  # shares before, of those that are still softer
@@ -87,7 +91,7 @@ class Easing:
         return shares, told
 
     def yields(
-        self, group: Group, joints: JointReading, weighs: Array, behind: NDArray[np.bool_], now: float
+        self, group: Group, seen: Seen, weighs: Array, behind: NDArray[np.bool_], now: float
     ) -> dict[int, float]:
         """New shares (0..1) of stiffness, by servo, of a group that presses somebody and goes back: stiff
         servos press with their full torque while references brake. How stiff they are is assumed at first;
@@ -95,11 +99,16 @@ class Easing:
         that stay `behind` (k,) their references get some back."""
         if not self._weight.known or 0.0 <= now - group.eased < SEEN:
             return {}
-        group.eased = now
+        group.eased, joints = now, seen.joints
         shares = self._most(group, joints.position)
         if joints.torque is not None:
-            bears = np.maximum(np.abs(joints.torque), 1e-9)
-            asked = (HOLDS * (np.abs(weighs) + FRICTION * self._torque) / bears)[group.servos]
+            bears = np.maximum(np.abs(joints.torque), 1e-9)[group.servos]
+            off, rates = seen.references - seen.here, seen.rates
+            brakes = np.where(off * rates > 0.0, rates**2 / (2.0 * self._brakes[group.servos]), 0.0)
+            bears *= 1.0 + brakes / np.maximum(np.abs(off), FINE)
+            own, dry = weighs[group.servos], FRICTION * self._torque[group.servos]
+            presses = (joints.torque[group.servos] - own) * group.push > 0.0
+            asked = np.where(presses, np.abs(own), HOLDS * (np.abs(own) + dry)) / bears
             asked = np.fmin(np.where(behind, FASTER, 1.0), asked)
             shares = np.minimum(np.maximum(group.sags.shares * asked, SOFTEST), shares)
         return self._ease(group, _changed(group, shares, joints.powered), now)

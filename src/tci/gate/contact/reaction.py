@@ -309,7 +309,7 @@ class ContactReaction:
             if scene.softens and group.answers and not (group.thing or group.answer == "stop"):
                 weighs = scene.bearing.weighs(joints, group.before)
                 late = errors > CLEAR * scene.settings.held
-                self.softer |= self._easing.yields(group, joints, weighs, late, now)
+                self.softer |= self._easing.yields(group, seen, weighs, late, now)
             if goal is not None:
                 speed = FREES if group.slow else None
                 sent = own | takes

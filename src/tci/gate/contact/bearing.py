@@ -46,7 +46,8 @@ the direction in which accelerating takes it, and in the other: a servo overshoo
 TELLS = 0.4
 """Fraction of what counts below which nothing is told, nor where somebody is."""
 RISES = 0.25
-"""The same from which on a joint may bear the first of what counts later: what dry friction is that turned."""
+"""The same from which on a joint may bear the first of what counts later: what dry friction is that
+turned."""
 VISCOUS = 0.5
 """Fraction of its torque limit that friction of a joint may take more at full speed than at rest: an iCub's
 wrist takes 0.4."""

@@ -14,7 +14,7 @@ from tci.gate.contact.group import Group
 from tci.gate.contact.noticing import Seen
 from tci.gate.contact.own_weight import OwnWeight
 from tci.gate.contact.weights import FRICTION, MOST, SOFT, bends
-from tci.messages import Contact, JointReading
+from tci.messages import Contact
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot

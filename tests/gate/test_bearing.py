@@ -140,6 +140,27 @@ def test_only_a_part_that_gives_way_unloads_its_joints(answer: OnContact, goes: 
     assert ways == goes
 
 
+def test_a_way_back_ends_before_a_joint_began_to_bear_more_however_slowly_that_grew() -> None:
+    """Near the axis somebody bears much before a joint does: an arm that went back from 0.05 s before it was
+    sure left 59 N on them."""
+    robot = talos()
+    names = [servo.name for servo in robot.servos]
+    meets, own = ContactReaction(robot, groups_of(robot), ContactSettings()), names.index(JOINT)
+    for step in range(90):
+        now = step * PERIOD
+        angles, torques = np.zeros(len(names)), np.zeros(len(names))
+        angles[own], torques[own] = now, np.clip((now - 0.6) * 150.0, 0.0, 30.0)
+        asked = Reference(np.array([own]), (Mode.POSITION,), angles[[own]], np.array([1.0]))
+        seen = replace(reading(angles, now), torque=read_only(torques))
+        ways = meets.step(seen, asked, now, None)[0]
+        if ways:
+            break
+    assert ways, "it was met"
+    assert now > 0.73, "the joint bore too little until then"
+    end = ways[0].angles[ways[0].servos.tolist().index(own)]
+    assert end < 0.65, "somebody bears 5 of 20 N m there"
+
+
 def next_way(torque: float, *, swings: float = 0.0) -> float | None:
     """How far [rad] the joint is sent when it has gone back and bears `torque` [N m] there, moving with
     `swings` [rad/s]; less than 0 is farther back. None if it is not sent anywhere."""

@@ -13,11 +13,15 @@ from helpers.gate_checks import position_command, reading
 from helpers.rigid_robot import RigidRobot
 from helpers.squeezed import Squeeze, squeeze
 from tci.gate.contact.easing import Easing
-from tci.gate.contact.group import make_groups
+from tci.gate.contact.felt import Felt
+from tci.gate.contact.group import Group, make_groups
+from tci.gate.contact.noticing import Seen
 from tci.gate.contact.own_weight import OwnWeight
 from tci.gate.contact.settings import ContactSettings
+from tci.gate.contact.weights import Sags
 from tci.gate.gate import Gate, GateSettings, GateState
 from tci.gate.joint_group import groups_of
+from tci.gate.joint_monitor import Reference
 from tci.messages import Contacts, Mode, PlatformCommand, Reading
 from tci.messages.contacts import CONTACT, TAXEL, Site
 from tci.messages.frames import Array, read_only
@@ -141,13 +145,64 @@ def test_what_a_hand_carries_is_held() -> None:
     assert full.get(ROLL, 1.0) > empty[ROLL] + 0.1
 
 
+def arm() -> Group:
+    groups = make_groups(ROBOT, groups_of(ROBOT), {}, stands=False)[0].values()
+    group = next(one for one in groups if "left_arm" in one.parts)
+    group.push = np.zeros(len(group.servos))
+    return group
+
+
+def bears(group: Group, position: Array, torque: Array, now: float, *, ahead: float = 0.0) -> Seen:
+    """A group whose joints bear `torque` (k,) [N m]. References are 1 degree `ahead`, if they are, and go on
+    with that speed [rad/s]."""
+    whole, nothing = np.zeros(len(position)), np.zeros(len(group.servos))
+    whole[group.servos] = torque
+    joints = replace(reading(position, now), torque=read_only(whole))
+    here, modes = position[group.servos], (Mode.POSITION,) * len(nothing)
+    asked = Reference(group.servos, modes, here + np.deg2rad(1.0) * (ahead > 0.0), nothing + ahead)
+    own = np.ones(len(nothing), bool)
+    return Seen(
+        joints, asked, group.servos, here, pull=nothing, own=own, errors=nothing, bounds=nothing,
+        weights=nothing, place=0, felt=Felt(), loose=nothing, bears=nothing,
+    )  # fmt: skip
+
+
+def test_where_references_still_go_on_into_somebody_a_part_gets_so_soft_that_they_may_brake() -> None:
+    """They run on by 6.7 degrees, with all the stiffness that is left."""
+    group = arm()
+    position, shares = np.array(initial_position(ROBOT)), list[Array]()
+    easing, torque = Easing(ROBOT, OwnWeight(ROBOT)), np.full(len(group.servos), 5.0)
+    easing.load(ROBOT, {})
+    for now, ahead in enumerate((0.0, 2.0)):
+        group.sags = Sags(group.servos)
+        seen = bears(group, position, torque, float(now), ahead=ahead)
+        easing.yields(group, seen, np.zeros(len(position)), np.zeros(len(torque), bool), float(now))
+        shares.append(group.sags.shares.copy())
+    assert (shares[1] <= shares[0]).all()
+    assert (shares[1] < 0.5 * shares[0]).any()
+
+
+def test_a_joint_that_still_presses_holds_no_more_than_its_weight() -> None:
+    """On its way back it must overcome its friction, too."""
+    group = arm()
+    position, shares = np.array(initial_position(ROBOT)), list[Array]()
+    easing, torque = Easing(ROBOT, OwnWeight(ROBOT)), np.full(len(group.servos), 5.0)
+    easing.load(ROBOT, {})
+    for now, push in enumerate((-1.0, 1.0)):
+        group.sags, group.push = Sags(group.servos), np.full(len(torque), push)
+        seen = bears(group, position, torque, float(now))
+        easing.yields(group, seen, np.zeros(len(position)), np.zeros(len(torque), bool), float(now))
+        shares.append(group.sags.shares.copy())
+    assert (shares[1] <= shares[0]).all()
+    assert (shares[1] < 0.5 * shares[0]).any()
+
+
 @pytest.mark.parametrize(("behind", "factor"), [(False, 1.0), (True, 1.5)])
 def test_on_a_way_back_joints_bear_little_more_than_their_weight_and_friction(
     behind: bool, factor: float
 ) -> None:
     """One that stays behind its reference gets stiffness back, as much as holds its weight."""
-    group = next(one for one in make_groups(ROBOT, groups_of(ROBOT), {}, stands=False)[0].values()
-                 if "left_arm" in one.parts)  # fmt: skip
+    group = arm()
     position, count = np.array(initial_position(ROBOT)), len(group.servos)
     limits = np.array([servo.limits.torque for servo in ROBOT.servos], float)
     easing = Easing(ROBOT, OwnWeight(ROBOT))
@@ -156,10 +211,7 @@ def test_on_a_way_back_joints_bear_little_more_than_their_weight_and_friction(
     holds = 1.5 * (np.abs(weighs) + 0.05 * limits)[group.servos]
 
     def bearing(torque: Array, now: float, behind: bool) -> None:
-        whole = np.zeros(len(limits))
-        whole[group.servos] = torque
-        joints = replace(reading(position, now), torque=read_only(whole))
-        easing.yields(group, joints, weighs, np.full(count, behind), now)
+        easing.yields(group, bears(group, position, torque, now), weighs, np.full(count, behind), now)
 
     torque = 0.5 * limits[group.servos]
     bearing(torque, 1.0, False)

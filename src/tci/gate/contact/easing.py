@@ -25,6 +25,9 @@ LEAST = 0.1
 HOLDS, SOFTEST = 1.5, 0.01
 """Multiple of its weight and dry friction that a joint bears that goes back from somebody, and share of the
 stiffness that is left at least: a NAO's servo without any is off."""
+RUBS = 0.5
+"""Fraction of its dry friction that a joint bears beside its weight while it still presses: without any, arms
+swing into the next person."""
 FASTER = 1.5
 """Factor by which the share of a joint rises at once that does not go back, held by dry friction."""
 FINE = float(np.deg2rad(0.5))
@@ -108,7 +111,7 @@ class Easing:
             bears *= 1.0 + brakes / np.maximum(np.abs(off), FINE)
             own, dry = weighs[group.servos], FRICTION * self._torque[group.servos]
             presses = (joints.torque[group.servos] - own) * group.push > 0.0
-            asked = np.where(presses, np.abs(own), HOLDS * (np.abs(own) + dry)) / bears
+            asked = np.where(presses, np.abs(own) + RUBS * dry, HOLDS * (np.abs(own) + dry)) / bears
             asked = np.fmin(np.where(behind, FASTER, 1.0), asked)
             shares = np.minimum(np.maximum(group.sags.shares * asked, SOFTEST), shares)
         return self._ease(group, _changed(group, shares, joints.powered), now)

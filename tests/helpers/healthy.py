@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections import Counter
 from contextlib import suppress
+from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from helpers.rigid_robot import RigidDriver, RigidRobot
+from helpers.rigid_robot import Dirt, RigidDriver, RigidRobot
 from tci.errors import CommandError
 from tci.messages import Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.messages.frames import Array
@@ -29,7 +30,16 @@ UNDECLARED, DECLARED = 0.3, 0.5
 class Healthy:
     """One robot, one mode, one seed."""
 
-    def __init__(self, robot: Robot, mode: Mode, seed: int, *, rate: float) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        mode: Mode,
+        seed: int,
+        *,
+        rate: float,
+        dirt: Dirt | None = None,
+        settings: Any = None,
+    ) -> None:
         self.robot, self.mode = robot.model_copy(update={"patches": ()}), mode
         self.random = np.random.default_rng([seed, 43])
         able = [s.index for s in robot.servos if mode in s.modes and s.limits.acceleration and s.joints]
@@ -42,8 +52,8 @@ class Healthy:
         self._high = np.array([x.upper for x in limits], dtype=float)
         self._fastest = np.array([x.velocity for x in limits], dtype=float)
         self._strongest = np.array([x.torque or 0.0 for x in limits])
-        self.plant = RigidRobot(self.robot, seed=seed, rate=rate)
-        self.driver = RigidDriver(self.plant)
+        self.plant = RigidRobot(self.robot, dirt=dirt, seed=seed, rate=rate)
+        self.driver = RigidDriver(self.plant, settings=settings)
         self.alarms: Counter[str] = Counter()
         """What was told though nothing is wrong, with how often."""
         self.moved = 0.0

@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import mujoco
@@ -84,8 +84,15 @@ class Dirt:
     """Periods until a command takes effect."""
     torque: tuple[float, float] = (0.2, 0.01)
     """Measured torques: largest relative error of a joint's, and noise as a fraction of the torque limit."""
+    stalls: float = 0.0
+    """How often a second nothing arrives for `STALLS` [s]; what waited comes at once."""
+    restamped: bool = False
+    """Stamps tell when a reading arrived, not when it was taken."""
 
 
+WIRE = Dirt(delay=(0.005, 0.03), stalls=0.2, restamped=True)
+"""A robot behind a network."""
+STALLS = (0.02, 0.2)
 CLEAN = Dirt(
     0.0, (120.0, 120.0), (1.0, 1.0), (0.5, 0.5), 0.0, (0.0, 0.0), 0.0, 0.0, (1e-9, 1e-9), (0, 0), (0.0, 0.0)
 )
@@ -411,7 +418,7 @@ class RigidRobot:
         random, dirt = self.random, self._dirt
         self._delay = random.uniform(*dirt.delay)
         self._count = random.uniform(*dirt.coarse)
-        self._due, self._sequence = 0, 0
+        self._due, self._sequence, self._stalled = 0, 0, 0.0
         self._waiting: list[tuple[float, JointReading]] = []
         self._arrived: deque[JointReading] = deque(maxlen=8)
         count = len(self._first)
@@ -437,10 +444,15 @@ class RigidRobot:
     def _sense(self) -> None:
         if self.time >= self._sequence / self._rate - 1e-9:
             self._take_reading()
-        arrived = [one for one in self._waiting if one[0] <= self.time + 1e-9]
+            if self._dirt.stalls and self._unlike.random() < self._dirt.stalls / self._rate:
+                self._stalled = self.time + self._unlike.uniform(*STALLS)
+        stalled = self.time < self._stalled
+        arrived = [one for one in self._waiting if one[0] <= self.time + 1e-9 and not stalled]
         if arrived:
             self._waiting = [one for one in self._waiting if one[0] > self.time + 1e-9]
-            self._arrived.extend(joints for _, joints in sorted(arrived, key=lambda one: one[0]))
+            stamp = {"stamp": self.time} if self._dirt.restamped else {}
+            rows = sorted(arrived, key=lambda one: one[0])
+            self._arrived.extend(replace(joints, **stamp) for _, joints in rows)
         for number, patch in enumerate(self._patches):
             if self.time >= self._frames[number].sequence / patch.rate + 1.0 / patch.rate - 1e-9:
                 self._frames[number] = self._frame(number, self._frames[number].sequence + 1)

@@ -9,7 +9,7 @@ meanwhile would else count as what it always bore.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -51,6 +51,14 @@ turned."""
 VISCOUS = 0.5
 """Fraction of its torque limit that friction of a joint may take more at full speed than at rest: an iCub's
 wrist takes 0.4."""
+SHOWS, EXPECTED = 0.3, 0.5
+"""Time [s] for which joints must have moved, and fraction of what counts that they must not have come to,
+until torques count over a wire: some robots tell currents, and some plan their own motion."""
+FAST = float(np.deg2rad(20.0))
+"""Speed [rad/s] of a reference from which on a joint moves."""
+GAP, SETTLES = 3.0, 0.5
+"""Multiple of the usual time between readings that is a gap, and time [s] after one for which torques tell
+nothing over a wire."""
 SHORTEST = 1e-6
 """Shortest time [s] between two references. Of the first nobody knows how fast it came."""
 PIECE = 0.01
@@ -61,8 +69,11 @@ class Bearing:
     """Compares measured torques with those of a moment ago."""
 
     def __init__(self, robot: Robot, weight: OwnWeight, *, known: bool) -> None:
-        """`known`: readings are so regular that it is known when joints accelerate."""
-        self._robot, self._weight, self._known = robot, weight, known
+        """`known`: torques are what they seem, and it is known when joints accelerate; else motion without a
+        contact must show it first."""
+        self._robot, self._weight = robot, weight
+        self._known, self._shown = known, np.inf if known else 0.0  # how long motion showed it [s]
+        self._stamp, self._usual, self._gap = np.nan, np.inf, -np.inf  # of readings [s]
         self.dynamics: Dynamics | None = None
         """Of the links with what they carry; None without masses."""
         levers = longest_levers(robot)
@@ -125,7 +136,7 @@ class Bearing:
     @property
     def before(self) -> Borne | None:
         """What joints bore before a contact that is noticed now."""
-        known = self._even and self._torques[-1][0] - self._even[0].stamp > ONSET
+        known = self._tells and self._even and self._torques[-1][0] - self._even[0].stamp > ONSET
         return self._borne(self._even[0], self.least) if known else None
 
     def beyond(self, joints: JointReading, before: Borne | None) -> Array:
@@ -152,7 +163,7 @@ class Bearing:
         """What each joint bears more than a moment ago, or than before references accelerated (n_servos,), as
         multiples of what comes from outside; 0 without measured torques. Joints lag by `lag` [s] at most,
         and motors of servos that `swing` (k,) give all they have."""
-        if joints.torque is None or not self._known:
+        if not self._regular(joints.stamp) or joints.torque is None:
             self.forget()  # nobody may compare what comes later with what was before
             return np.zeros(len(self.least))
         torques, changes, even = self._torques, self._changes, self._even
@@ -184,8 +195,32 @@ class Bearing:
             more = (np.abs(since) > np.abs(found)) & (np.abs(joints.torque) > np.abs(even[0].torque))
             found, self.counts = np.where(more, since, found), np.where(more, counts, self.counts)
         found[self._asked] = 0.0  # somebody asks for these torques
+        if not self._tells:
+            self._show(found, torques)
+            return np.zeros(len(found))
         self.rose = np.where(np.abs(found) > RISES, np.minimum(self.rose, joints.stamp), np.inf)
         return found
+
+    @property
+    def _tells(self) -> bool:
+        return self._shown >= SHOWS
+
+    def _regular(self, stamp: float) -> bool:
+        """True if readings came as usual, the latest of `stamp` [s]: what waited behind a gap is older than
+        it says."""
+        passed, self._stamp = stamp - self._stamp, stamp
+        if passed > GAP * self._usual:
+            self._gap = stamp
+        if passed > 0.0:
+            self._usual = passed if self._usual == np.inf else 0.9 * self._usual + 0.1 * passed
+        return self._known or stamp - self._gap > SETTLES
+
+    def _show(self, found: Array, torques: Sequence[tuple[float, Array]]) -> None:
+        """Notes for how long joints moved and bore what was expected of them."""
+        if (most := float(np.abs(found).max())) > 1.0:
+            self._shown = 0.0
+        elif most < EXPECTED and len(torques) > 1 and (np.abs(self._velocity) > FAST).any():
+            self._shown += min(torques[-1][0] - torques[-2][0], 0.02)
 
     def _borne(self, one: _Even, counts: Array) -> Borne:
         return Borne(one.torque, counts, self._weight.torques(one.position))

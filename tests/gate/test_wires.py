@@ -1,0 +1,105 @@
+"""Robots behind a wire: what their torques mean is unknown until they have moved without a contact."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from helpers.gate_checks import reading
+from tci.gate.contact.reaction import ContactReaction
+from tci.gate.joint_group import groups_of
+from tci.gate.joint_monitor import Reference
+from tci.gate.settings import OVER_A_WIRE
+from tci.messages import Mode
+from tci.messages.frames import Array, read_only
+from tci.robot.catalogue import load_robot
+from tci.robot.description import Robot
+
+PERIOD, JOINT, SPEED = 0.01, "arm_left_2_joint", 1.0
+
+
+@cache
+def talos() -> Robot:
+    return load_robot("talos")
+
+
+def told(
+    *,
+    held: float = 0.0,
+    at: float = 0.6,
+    torque: float = 0.0,
+    lag: float = 0.05,
+    droops: float = 0.0,
+    unit: float = 1.0,
+    stall: float = 0.0,
+    lasts: float = 0.8,
+) -> str:
+    """What is told of a joint that goes back and forth at 57 degrees/s.
+
+    Args:
+        held: angle [rad] by which somebody holds it from `at` on.
+        at: time [s].
+        torque: what it bears [N m] from then on.
+        lag: time [s] by which it follows.
+        droops: angle [rad] that it hangs lower in the course of each way.
+        unit: of its torques [N m], of which friction is 5.
+        stall: time [s] before `at` for which no reading comes; then one comes that is as old as it.
+        lasts: time [s] of all.
+    """
+    robot, found = talos(), list[str]()
+    names = [servo.name for servo in robot.servos]
+    settings = OVER_A_WIRE.contact
+    assert settings is not None
+    meets, own = ContactReaction(robot, groups_of(robot), settings), names.index(JOINT)
+
+    def way(time: Array | float) -> tuple[float, float]:
+        turn = 2.0 * SPEED * np.maximum(time, 0.0)
+        return float(0.5 * (1.0 - np.cos(turn))), float(SPEED * np.sin(turn))
+
+    for step in range(round(lasts / PERIOD)):
+        now = step * PERIOD
+        asked, rate = way(now)
+        reference = Reference(np.array([own]), (Mode.POSITION,), np.array([asked]), np.array([rate]))
+        silent = at - stall < now < at
+        late = lag + (stall if at <= now < at + PERIOD else 0.0)
+        angles, torques = np.zeros((2, len(names)))
+        angles[own] = way(now - late)[0] * (1.0 - droops)
+        torques[own] = unit * 5.0 * np.sign(rate)
+        if now >= at:
+            angles[own] -= held * np.sign(rate)
+            torques[own] += torque
+        seen = replace(reading(angles, now), torque=read_only(torques))
+        if not silent:
+            found += [why.text for why in meets.step(seen, reference, now, None)[1]]
+    return "; ".join(found)
+
+
+def test_torques_tell_once_motion_has_shown_that_they_are_what_they_seem() -> None:
+    assert "bears 40.0 N m more" in told(torque=40.0, at=1.1, lasts=1.3)
+    assert not told(torque=40.0, at=0.15, lasts=0.3)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        {"lag": 0.25},
+        {"lag": 0.1, "droops": 0.08},
+        {"unit": 200.0},
+        {"unit": 200.0, "torque": 8000.0},
+        {"stall": 0.15},
+        {"stall": 0.1, "lag": 0.1},
+    ],
+    ids=[
+        "it follows late",
+        "its weight bends it",
+        "milliamperes",
+        "more of them",
+        "nothing comes",
+        "nor here",
+    ],
+)
+def test_what_is_usual_behind_a_wire_is_nobody(case: dict[str, float]) -> None:
+    assert not told(at=1.57, lasts=4.0, **case)

@@ -78,7 +78,7 @@ def told(
 
 
 def test_torques_tell_once_motion_has_shown_that_they_are_what_they_seem() -> None:
-    assert "bears 40.0 N m more" in told(torque=40.0, at=1.1, lasts=1.3)
+    assert "bears 40.0 N m more" in told(torque=40.0, at=2.1, lasts=2.3)
     assert not told(torque=40.0, at=0.15, lasts=0.3)
 
 

@@ -32,6 +32,9 @@ STARTS = 1.0
 LASTS, AFTER, RESET = 3.4, 2.02, 0.5
 """Least length [s] of a trial, and of the contact with each person in it: 2 s after its start is judged. Then
 the gate is reset, and what is left after that is judged, too."""
+SWAYS, BY = 2.5, 0.15
+"""Time [s] for which an arm behind a wire sways at first, and by which angle [rad]: until then a gate knows
+nothing of its torques."""
 POKED = (2e-3, 8e-3)
 """Depth [m] of a tap that an arm withdraws from: 3 to 12 N."""
 
@@ -123,6 +126,20 @@ class Reach(Capability[bool]):
         return (() if memory else (GenericCommand(one.part, one.mode, one.goal),)), True
 
 
+class Sway(Capability[None]):
+    """Moves the joints of one part to and fro."""
+
+    def __init__(self, trial: Squeeze) -> None:
+        self.trial = trial
+
+    def init(self, body: GenericBody) -> None:
+        pass
+
+    def step(self, memory: None, perception: Perception, body: GenericBody) -> tuple[tuple[Order, ...], None]:
+        goal = self.trial.start + BY * np.sin(4.0 * np.pi * perception.stamp / SWAYS)
+        return (GenericCommand(self.trial.part, Mode.POSITION, goal),), None
+
+
 def moved_by(one: Squeeze) -> Capability[Any]:
     """What moves the arm."""
     if one.by == "order":
@@ -145,12 +162,17 @@ def squeeze(
     dirt: Dirt | None = None,
     behind: float | None = None,
     cut: bool = False,
+    sways: bool = False,
 ) -> Outcome:
     """Runs a trial. A second person, as stiff, steps `behind` [m] behind the link when the first is met; or
-    the link to the robot is `cut` when the gate answers."""
-    plant = plant_of(robot, one, dirt)
-    plant.place("person", one.at)
+    the link to the robot is `cut` when the gate answers. If it `sways`, the arm moves without anybody
+    first."""
+    begins = SWAYS if sways else 0.0
+    plant = plant_of(robot, one, dirt, begins=begins)
     driver = (Cut if cut else RigidDriver)(plant, settings=settings)
+    if sways:
+        run(driver, Sway(one), duration=SWAYS)
+    plant.place("person", one.at)
     person, second = (plant.felt[name] for name in ("person", "second"))
     skin = {"person": False, "second": False}
     there, state, reason = False, "", None
@@ -171,7 +193,7 @@ def squeeze(
 
     def over(_: Any) -> bool:
         nonlocal state, reason
-        last = max(least, max(felt.first or 0.0 for felt in (person, second)) + AFTER)
+        last = max(begins + least, max(felt.first or 0.0 for felt in (person, second)) + AFTER)
         if plant.time >= last and not state:
             state, reason = driver.gate.state.name, driver.gate.reason
             with suppress(CommandError):  # somebody is still held
@@ -222,8 +244,8 @@ def angles_of(robot: Robot, part: str, posture: Array) -> Array:
     return angles
 
 
-def plant_of(robot: Robot, one: Squeeze, dirt: Dirt | None = None) -> RigidRobot:
-    """The plant where a trial starts, its people out of reach."""
+def plant_of(robot: Robot, one: Squeeze, dirt: Dirt | None = None, *, begins: float = 0.0) -> RigidRobot:
+    """The plant where a trial starts, its people out of reach. The trial `begins` [s] later."""
     angles = angles_of(robot, one.part, one.start)
     people = [Person(name, one.stiffness) for name in ("person", "second")]
     if one.by in ("order", "gesture"):
@@ -236,7 +258,7 @@ def plant_of(robot: Robot, one: Squeeze, dirt: Dirt | None = None) -> RigidRobot
     other = next(part.name for part in robot.parts if part.kind == "arm" and part.name != one.part)
     link, _, p_L, n_L = place_on(plant, one.part if one.by == "reflex" else other, random)
     deep = float(random.uniform(*POKED)) if one.by == "reflex" else Tap.depth
-    plant.hands = (Tap(plant, "finger", link, p_L, n_L, (0.1,), depth=deep),)
+    plant.hands = (Tap(plant, "finger", link, p_L, n_L, (begins + 0.1,), depth=deep),)
     return plant
 
 

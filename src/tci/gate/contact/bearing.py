@@ -51,7 +51,7 @@ turned."""
 VISCOUS = 0.5
 """Fraction of its torque limit that friction of a joint may take more at full speed than at rest: an iCub's
 wrist takes 0.4."""
-SHOWS, EXPECTED = 0.3, 0.5
+SHOWS, EXPECTED = 1.0, 0.5
 """Time [s] for which joints must have moved, and fraction of what counts that they must not have come to,
 until torques count over a wire: some robots tell currents, and some plan their own motion."""
 FAST = float(np.deg2rad(20.0))

@@ -82,6 +82,10 @@ def test_torques_tell_once_motion_has_shown_that_they_are_what_they_seem() -> No
     assert not told(torque=40.0, at=0.15, lasts=0.3)
 
 
+def test_whom_a_joint_met_in_a_gap_between_readings_is_told_of_after_it() -> None:
+    assert "bears" in told(torque=90.0, at=2.1, stall=0.1, lasts=2.6)
+
+
 @pytest.mark.parametrize(
     "case",
     [

@@ -56,7 +56,7 @@ SHOWS, EXPECTED = 1.0, 0.5
 until torques count over a wire: some robots tell currents, and some plan their own motion."""
 FAST = float(np.deg2rad(20.0))
 """Speed [rad/s] of a reference from which on a joint moves."""
-GAP, SETTLES = 3.0, 0.5
+GAP, SETTLES = 3.0, 0.2
 """Multiple of the usual time between readings that is a gap, and time [s] after one for which torques tell
 nothing over a wire."""
 SHORTEST = 1e-6
@@ -136,7 +136,12 @@ class Bearing:
     @property
     def before(self) -> Borne | None:
         """What joints bore before a contact that is noticed now."""
-        known = self._tells and self._even and self._torques[-1][0] - self._even[0].stamp > ONSET
+        known = (
+            self._tells
+            and self._even
+            and self._torques
+            and self._torques[-1][0] - self._even[0].stamp > ONSET
+        )
         return self._borne(self._even[0], self.least) if known else None
 
     def beyond(self, joints: JointReading, before: Borne | None) -> Array:
@@ -163,7 +168,10 @@ class Bearing:
         """What each joint bears more than a moment ago, or than before references accelerated (n_servos,), as
         multiples of what comes from outside; 0 without measured torques. Joints lag by `lag` [s] at most,
         and motors of servos that `swing` (k,) give all they have."""
-        if not self._regular(joints.stamp) or joints.torque is None:
+        if not self._regular(joints.stamp):
+            self._torques.clear()
+            return np.zeros(len(self.least))
+        if joints.torque is None:
             self.forget()  # nobody may compare what comes later with what was before
             return np.zeros(len(self.least))
         torques, changes, even = self._torques, self._changes, self._even

@@ -28,25 +28,27 @@ def talos() -> Robot:
 
 def told(
     *,
-    held: float = 0.0,
     at: float = 0.6,
     torque: float = 0.0,
+    met: float = 0.0,
     lag: float = 0.05,
     droops: float = 0.0,
     unit: float = 1.0,
     stall: float = 0.0,
+    back: float = 0.0,
     lasts: float = 0.8,
 ) -> str:
     """What is told of a joint that goes back and forth at 57 degrees/s.
 
     Args:
-        held: angle [rad] by which somebody holds it from `at` on.
         at: time [s].
-        torque: what it bears [N m] from then on.
+        torque: what it bears [N m] more from `met` on, by default from `at` on.
+        met: time [s].
         lag: time [s] by which it follows.
         droops: angle [rad] that it hangs lower in the course of each way.
         unit: of its torques [N m], of which friction is 5.
         stall: time [s] before `at` for which no reading comes; then one comes that is as old as it.
+        back: time [s] by which the clock goes back 0.05 s after `at`.
         lasts: time [s] of all.
     """
     robot, found = talos(), list[str]()
@@ -61,6 +63,7 @@ def told(
 
     for step in range(round(lasts / PERIOD)):
         now = step * PERIOD
+        clock = now + (back if now < at + 0.05 else 0.0)
         asked, rate = way(now)
         reference = Reference(np.array([own]), (Mode.POSITION,), np.array([asked]), np.array([rate]))
         silent = at - stall < now < at
@@ -68,12 +71,10 @@ def told(
         angles, torques = np.zeros((2, len(names)))
         angles[own] = way(now - late)[0] * (1.0 - droops)
         torques[own] = unit * 5.0 * np.sign(rate)
-        if now >= at:
-            angles[own] -= held * np.sign(rate)
-            torques[own] += torque
-        seen = replace(reading(angles, now), torque=read_only(torques))
+        torques[own] += torque * (now >= (met or at))
+        seen = replace(reading(angles, clock), torque=read_only(torques))
         if not silent:
-            found += [why.text for why in meets.step(seen, reference, now, None)[1]]
+            found += [why.text for why in meets.step(seen, reference, clock, None)[1]]
     return "; ".join(found)
 
 
@@ -84,6 +85,10 @@ def test_torques_tell_once_motion_has_shown_that_they_are_what_they_seem() -> No
 
 def test_whom_a_joint_met_in_a_gap_between_readings_is_told_of_after_it() -> None:
     assert "bears" in told(torque=90.0, at=2.1, stall=0.1, lasts=2.6)
+
+
+def test_a_clock_that_goes_back_just_after_a_gap_silences_nobody() -> None:
+    assert "bears 40.0 N m more" in told(torque=40.0, at=1.7, met=2.1, stall=0.1, back=60.0, lasts=2.3)
 
 
 @pytest.mark.parametrize(

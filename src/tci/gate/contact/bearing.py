@@ -72,8 +72,8 @@ class Bearing:
         """`known`: torques are what they seem, and it is known when joints accelerate; else motion without a
         contact must show it first."""
         self._robot, self._weight = robot, weight
-        self._known, self._shown = known, np.inf if known else 0.0  # how long motion showed it [s]
-        self._stamp, self._usual, self._gap = np.nan, np.inf, -np.inf  # of readings [s]
+        self._known, self._shown = known, np.inf if known else 0.0  # for how long [s] motion showed it
+        self._usual, self._stamp, self._gap = np.inf, np.nan, -np.inf  # between readings, and when last [s]
         self.dynamics: Dynamics | None = None
         """Of the links with what they carry; None without masses."""
         levers = longest_levers(robot)
@@ -114,6 +114,7 @@ class Bearing:
         self._torques.clear()
         self._even.clear()
         self.rose[:] = np.inf
+        self._stamp, self._gap = np.nan, -np.inf
         self._latest, self._changed, self._swung = np.inf, -np.inf, -np.inf
 
     def remember(self, reference: Reference, now: float) -> None:
@@ -136,12 +137,9 @@ class Bearing:
     @property
     def before(self) -> Borne | None:
         """What joints bore before a contact that is noticed now."""
-        known = (
-            self._tells
-            and self._even
-            and self._torques
-            and self._torques[-1][0] - self._even[0].stamp > ONSET
-        )
+        if not (self._tells and self._even and self._torques):
+            return None
+        known = self._torques[-1][0] - self._even[0].stamp > ONSET
         return self._borne(self._even[0], self.least) if known else None
 
     def beyond(self, joints: JointReading, before: Borne | None) -> Array:

@@ -9,7 +9,7 @@ import pytest
 from helpers.squeezed import By, Outcome, Squeeze, squeeze
 from helpers.squeezes import draw, draw_in_elbow
 from tci.gate.contact.settings import ContactSettings
-from tci.gate.settings import GateSettings
+from tci.gate.settings import OVER_A_WIRE, GateSettings
 from tci.messages import Mode
 from tci.robot.catalogue import load_robot
 
@@ -47,6 +47,16 @@ def test_whom_an_arm_meets_while_it_accelerates_or_brakes_is_not_left_pressed(
     after = squeeze(robot, trial)
     assert after.peak > 65.0, "this trial shows nothing"
     assert after.late <= 30.0
+
+
+def test_whom_an_icub_squeezes_behind_a_wire_is_freed() -> None:
+    """Its servos are stiff there, and bend by less than 6 degrees: 191 N were left for ever."""
+    robot = load_robot("icub")
+    trial = draw(robot, 9, by="gesture", below=True)
+    after = squeeze(robot, trial, settings=OVER_A_WIRE, sways=True)
+    assert after.peak > 65.0, "this trial shows nothing"
+    assert after.over <= 0.2
+    assert after.late <= 15.0
 
 
 @pytest.mark.parametrize(("name", "seed"), [("talos", 19), ("icub", 3)])

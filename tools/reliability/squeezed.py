@@ -11,6 +11,7 @@ from pool import gather
 from row import Row
 
 import tci
+from helpers.rigid_robot import WIRE
 from helpers.squeezed import By, Pressed, Squeeze, squeeze
 from helpers.squeezes import draw, draw_between, draw_in_elbow
 from tci.gate.settings import GateSettings, over_a_wire
@@ -102,7 +103,8 @@ def _one(name: str, mode: str, seed: int) -> dict[str, Any]:
     seen = {key: value for key, value in asdict(after).items() if key != "force"}
     left = squeeze(robot, trial, cut=True) if cut else None
     far = over_a_wire(softens=False)
-    over = squeeze(robot, trial, settings=far, sways=True) if wired and name in WIRED else None
+    there = wired and name in WIRED
+    over = squeeze(robot, trial, settings=far, dirt=WIRE, sways=True) if there else None
     return {
         "robot": name, "mode": mode, "seed": seed, "counts": True, "kinds": kinds,
         "faults": sorted({*_faults(after), *_faults(after.other)}), **seen,

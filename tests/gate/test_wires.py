@@ -116,10 +116,10 @@ def test_what_is_usual_behind_a_wire_is_nobody(case: dict[str, float]) -> None:
     assert not told(at=1.57, lasts=4.0, **case)
 
 
-@pytest.mark.parametrize(("name", "rate"), [("icub", 100.0), ("talos", 50.0), ("g1", 200.0)])
-def test_a_healthy_robot_on_a_network_that_stalls_meets_nobody(name: str, rate: float) -> None:
-    """It moves at full speed, and is told to hold while readings are too old."""
-    trial = Healthy(load_robot(name), Mode.POSITION, 3, rate=rate, dirt=WIRE, settings=OVER_A_WIRE)
+def test_a_healthy_robot_on_a_network_that_stalls_meets_nobody() -> None:
+    """Alex' torso throws its arms more than the model says, and readings are late: torques told of somebody at
+    its shoulder, from its first moment on."""
+    trial = Healthy(load_robot("alex"), Mode.POSITION, 3, rate=100.0, dirt=WIRE, settings=OVER_A_WIRE)
     trial.run(4.0)
     assert not [one for one in trial.alarms if "met something" in one or " by " in one], trial.alarms
     assert trial.moved > 10.0

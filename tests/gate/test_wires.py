@@ -117,8 +117,8 @@ def test_what_is_usual_behind_a_wire_is_nobody(case: dict[str, float]) -> None:
 
 
 def test_a_healthy_robot_on_a_network_that_stalls_meets_nobody() -> None:
-    """Alex' torso throws its arms more than the model says, and readings are late: torques told of somebody at
-    its shoulder, from its first moment on."""
+    """Alex' torso throws its arms more than the model says, and readings are late: torques told of somebody
+    at its shoulder, from its first moment on."""
     trial = Healthy(load_robot("alex"), Mode.POSITION, 3, rate=100.0, dirt=WIRE, settings=OVER_A_WIRE)
     trial.run(4.0)
     assert not [one for one in trial.alarms if "met something" in one or " by " in one], trial.alarms

@@ -36,8 +36,8 @@ def test_what_goes_in_comes_out(tmp_path: Path) -> None:
 
 
 def test_a_run_is_filmed(tmp_path: Path) -> None:
-    path = tmp_path / "poke.mp4"
-    words = f"run withdrawal nao --poke --duration 0.03 --film {path}".split()
+    path = tmp_path / "run.mp4"
+    words = f"run withdrawal nao --duration 0.03 --film {path}".split()
     assert CliRunner().invoke(app, words).exit_code == 0
     _, frames = decoded(path)
     assert len(frames) == 1 + 17

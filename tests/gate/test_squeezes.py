@@ -9,7 +9,7 @@ import pytest
 from helpers.squeezed import By, Outcome, Squeeze, squeeze
 from helpers.squeezes import draw, draw_in_elbow
 from tci.gate.contact.settings import ContactSettings
-from tci.gate.settings import OVER_A_WIRE, GateSettings
+from tci.gate.settings import OVER_A_WIRE, GateSettings, over_a_wire
 from tci.messages import Mode
 from tci.robot.catalogue import load_robot
 
@@ -56,6 +56,17 @@ def test_whom_an_icub_squeezes_behind_a_wire_is_freed() -> None:
     after = squeeze(robot, trial, settings=OVER_A_WIRE, sways=True)
     assert after.peak > 65.0, "this trial shows nothing"
     assert after.over <= 0.2
+    assert after.late <= 15.0
+
+
+def test_somebody_in_the_elbow_of_an_arm_that_moves_leads_nobody() -> None:
+    """In a lesson, which handles contact: torques told of them first, then both sides of the elbow felt
+    them, as they feel a hand that leads. 74 N were left for ever."""
+    robot = load_robot("g1")
+    trial = draw_in_elbow(robot, 2, by="gesture")
+    assert trial is not None
+    after = squeeze(robot, replace(trial, by="lesson"), settings=over_a_wire(softens=True), sways=True)
+    assert after.peak > 65.0, "this trial shows nothing"
     assert after.late <= 15.0
 
 

@@ -15,7 +15,8 @@ along them, a patch whose normal is 30 degrees off could take pressing for leavi
 def led(scene: Scene, group: Group, seen: Seen) -> bool:
     """True if somebody leads a group, harder than a capability handles: a way back would lead into them."""
     allowed = scene.allowed(group)
-    if seen.felt.force <= allowed:
+    met = group.led is None and group.noticing.sure and scene.moves(group)
+    if met or seen.felt.force <= allowed:
         return False
     handled = scene.now < group.until or (group.led is not None and group.softness.soft)
     if not handled and seen.felt.made <= allowed:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,14 +17,19 @@ import numpy as np
 import pytest
 from numba import config, float64, njit
 
+import tci
+from tci.body.generic_body import GenericBody
 from tci.capabilities import answer, discounts
+from tci.drivers.simulated import SimulatedDriver
 from tci.gate.kernels.stops import empty_stop, follow_stop
+from tci.messages import Reading
 from tci.messages.frames import frozen
 from tci.skin.kernels import condition, contacts, nearest
 from tci.support import compile_ahead, compiled
 from tci.support.compile_ahead import _state, modules_with_loops
 from tci.support.compiled import inlined
 
+COVERAGE = GenericBody.coverage
 WAITS = "tci: another tci process compiles its loops; waiting for it"
 
 
@@ -326,3 +332,31 @@ def test_loops_call_only_inlined_loops(name: str) -> None:
 def is_inlined(loop: Any) -> bool:
     """Returns True for a loop that is called only by compiled loops."""
     return bool(getattr(loop, "targetoptions", {}).get("forceinline"))
+
+
+class Floats(SimulatedDriver):
+    """Its skin sends floats, as over most wires, and some of its taxels are noisy."""
+
+    random = np.random.default_rng(0)
+
+    def _receive(self) -> Reading:
+        reading = super()._receive()
+        frames = [(frame, np.array(frame.values, np.float32)) for frame in reading.skin]
+        for _, values in frames:
+            values += self.random.standard_normal(len(values))
+            values[:40] += 60.0 * self.random.standard_normal(40)
+        return replace(reading, skin=tuple(replace(frame, values=values) for frame, values in frames))
+
+
+def test_no_loop_is_compiled_while_a_robot_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would take two seconds at the first run, and the gate would hold."""
+
+    def refuse(loop: compiled.Seldom, *arguments: object) -> None:
+        raise AssertionError(loop.py_func)
+
+    monkeypatch.setattr(compiled.Seldom, "__call__", refuse)
+    asked = []
+    monkeypatch.setattr(GenericBody, "coverage", lambda *given: asked.append(given) or COVERAGE(*given))
+    with Floats("icub") as driver:
+        tci.run(driver, tci.WithdrawalReflex(), duration=3.0)
+    assert asked

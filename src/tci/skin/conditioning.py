@@ -82,8 +82,6 @@ class Conditioner:
         """Estimators of rest values, noise and health, one for each patch."""
         taxels, patches = len(layout.arrays.taxels), len(layout.patches)
         self._buffer = FrameBuffer(layout)
-        if self._buffer.raw.dtype == np.float32:
-            condition_of_floats.prepare()
         self.estimates = Estimates.initial(taxels)
         self._memory = SkinMemory.initial(patches, taxels, smooth=settings.latency > 0.0)
         state = self._memory.patches

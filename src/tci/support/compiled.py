@@ -48,8 +48,8 @@ def compiled(signature: Any, *, seldom: bool = False) -> Callable[..., Any]:
     Args:
         signature: Types of result and arguments. Numba converts what it safely can (a writable array for one
             that is only read), but nothing within a NamedTuple.
-        seldom: True for a loop that most programs never call. It is compiled and loaded when it is first
-            called, or when `prepare` is called: do this before a control loop that may need it.
+        seldom: True for a loop that most programs never call, and no control loop, since it may take seconds:
+            it is compiled and loaded when it is first called.
     """
 
     def decorate(loop: Callable[..., Any]) -> Any:
@@ -71,14 +71,10 @@ class Seldom:
         self.py_func, self._load = function.py_func, partial(load, function, signature)
         self._code: Callable[..., Any] | None = None
 
-    def prepare(self) -> Callable[..., Any]:
-        """Loads the loop; compiles it if it was never compiled here."""
+    def __call__(self, *arguments: Any) -> Any:
         if self._code is None:
             self._code = self._load()
-        return self._code
-
-    def __call__(self, *arguments: Any) -> Any:
-        return (self._code or self.prepare())(*arguments)
+        return self._code(*arguments)
 
 
 def load(function: Any, signature: Any, *, ahead: bool = False) -> Callable[..., Any]:

@@ -23,8 +23,7 @@ radius around it, both in limb lengths."""
     void(
         reads(3), reads(2, int64), reads(1, from_dtype(LIMB)), reads(1), reads(2), reads(1, int64),
         reads(1, boolean), reads(1, from_dtype(PLACE)), writes(2),
-    ),
-    seldom=True,
+    )
 )  # fmt: skip
 def count_taxels(
     poses: Array,

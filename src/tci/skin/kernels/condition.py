@@ -239,5 +239,5 @@ def _condition(
 
 
 condition = compiled(_signature(uint8))(_condition)
-condition_of_floats = compiled(_signature(float32), seldom=True)(_condition)
+condition_of_floats = compiled(_signature(float32))(_condition)
 """For raw values that bytes can't hold."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import pytest
 import tci
 from tci.drivers.simulated import SimulatedDriver
 from tci.gate.gate import GateState
+from tci.gate.settings import over_a_wire
 from tci.reasons import MOST, OTHERS, Code, Notice, Reason, ReasonCounter
 from tci.runtime.loop_report import LoopReport
 
@@ -67,6 +69,23 @@ def test_nothing_that_happened_is_said_too() -> None:
             str(tci.run(driver, tci.WithdrawalReflex(), duration=0.01))
             == "nao: touched nowhere; nothing moved"
         )
+
+
+def test_over_a_wire_it_says_for_how_long_joint_torques_told_who_was_met() -> None:
+    def swing(count: int) -> tci.GenericCommand:
+        return head(0.5 if count % 400 < 200 else -0.5, 0.0, 0.0)
+
+    driver = SimulatedDriver("nao")
+    driver.gate.set_contact(over_a_wire(softens=False).contact)
+    driver.info = replace(driver.info, lease_name="yarp:nao")
+    with driver:
+        first = tci.run(driver, Ask(swing), duration=2.0)
+        assert first.by_torques is not None
+        assert 0.1 < first.by_torques < 0.9
+        assert f"torques told who was met for {first.by_torques:.0%} of the run" in str(first)
+        later = tci.run(driver, Ask(swing), duration=1.0)
+        assert later.by_torques == 1.0
+        assert "torques" not in str(later)
 
 
 def test_refusals_are_counted_by_kind_and_the_first_is_logged(

@@ -178,6 +178,7 @@ class Session:
                 "switches": [*self.result.switches],
                 "moved_rad": dict(self.result.moved),
                 "lacks": [*self.result.lacks],
+                "by_torques": self.result.by_torques,
             }
         if self.recorder is not None:
             fields["recording"] = self.recorder.to_json()

@@ -78,6 +78,11 @@ class Answering:
         self._told_met = tuple(met)
 
     @property
+    def torques_tell(self) -> bool:
+        """Measured torques of the latest reading tell of contact."""
+        return self._reaction is not None and self._reaction.torques_tell
+
+    @property
     def touched(self) -> tuple[str, ...]:
         """Names of the parts that are still in contact."""
         return () if self._reaction is None else self._reaction.touched

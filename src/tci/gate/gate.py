@@ -189,8 +189,7 @@ class Gate:
         """Holds the robot in the next step (state HOLD), for a reason that the control loop or the driver
         detects, such as missed periods.
 
-        If `reason` is None or an empty text, nothing changes. If there are several reasons, the latest reason
-        is reported.
+        If `reason` is None or an empty text, nothing changes. The latest of several reasons is reported.
         """
         if reason:
             self._held = Reason.of(reason)
@@ -287,6 +286,7 @@ class Gate:
         """
         self._tally.steps += 1
         reason = self.reason = self._judge(joints, now, contacts)
+        self._tally.torque_steps += self._answering.torques_tell
         refusals = list(refused)
         clamped: list[Reason] = [*self._answering.told]
         taken: list[PlatformOrder] = []

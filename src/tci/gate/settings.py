@@ -60,6 +60,9 @@ class GateCounts:
 
     steps: int
     """Number of control periods."""
+    torque_steps: int
+    """Number of those in which measured joint torques told whether a part met something. In others only skin
+    did, and joints that stayed behind."""
     holds: int
     """Number of times that the gate began to hold."""
     stops: int
@@ -76,11 +79,13 @@ class Tally:
     """Counters that a gate increases while it runs."""
 
     def __init__(self) -> None:
-        self.steps = self.holds = self.stops = self.refusals = self.near_misses = 0
+        self.steps = self.torque_steps = self.holds = self.stops = self.refusals = self.near_misses = 0
         self.clamps: Counter[str] = Counter()
 
     @property
     def counts(self) -> GateCounts:
         """Returns a copy of the counters, which does not change later."""
         clamps = MappingProxyType(dict(self.clamps))
-        return GateCounts(self.steps, self.holds, self.stops, self.refusals, self.near_misses, clamps)
+        return GateCounts(
+            self.steps, self.torque_steps, self.holds, self.stops, self.refusals, self.near_misses, clamps
+        )  # fmt: skip

@@ -22,6 +22,9 @@ turns a servo at rest by a smaller angle."""
 SHOWN = 6
 """Largest number of entries in each list (moved servos, refusals, clamps, holds) of the summary of a run.
 Assumed: users do not read longer lists."""
+MOSTLY = 0.95
+"""Share of a run from which on nothing is said of torques."""
+ELSE = "else only skin did, and joints that stayed behind; why: tci doctor"
 MET = "a part met something; see what is in its way, then order the motion again"
 """Last words of a run in which a part answered contact. The robot did what it should: no failure."""
 
@@ -76,6 +79,9 @@ class RunResult(Generic[Memory]):
     """Patches in `touched` that only tell pressed or not. Their force there is the one that closes the
     switch; with what force they were pressed nobody knows."""
 
+    by_torques: float | None = None
+    """Share of the run, 0 to 1, in which measured joint torques told whether a part met something. In the
+    rest only skin did, and joints that stayed behind. None in simulation, and if another process watches."""
     advice: tuple[str, ...] = ()
     """Habits of the capability that nobody notices in simulation, with what to do."""
 
@@ -91,6 +97,13 @@ class RunResult(Generic[Memory]):
 
     def __bool__(self) -> bool:
         return self.state is not GateState.STOP and not self.refused_all
+
+    @property
+    def unfelt(self) -> tuple[str, ...]:
+        """A line about a run in which joint torques told of nobody for a while."""
+        if self.by_torques is None or self.by_torques >= MOSTLY:
+            return ()
+        return (f"joint torques told who was met for {self.by_torques:.0%} of the run; {ELSE}",)
 
     @property
     def summary(self) -> str:
@@ -118,6 +131,7 @@ class RunResult(Generic[Memory]):
             lines.append(f"{self.state.name} at the end: {self.reason}")
         if self.went_back:
             lines.append(MET)
+        lines += self.unfelt
         lines += self.advice
         return "\n".join(lines)
 
@@ -135,6 +149,7 @@ class RunResult(Generic[Memory]):
             "switches": [*self.switches],
             "moved_rad": dict(self.moved),
             "lacks": [*self.lacks],
+            "by_torques": self.by_torques,
             "advice": [*self.advice],
             "accepted": self.accepted,
             "refusals": [notice.to_json() for notice in self.refusals],
@@ -161,6 +176,9 @@ class Account:
         self._refusals, self._clamps, self._holds = ReasonCounter(), ReasonCounter(), ReasonCounter()
         self._went_back = ReasonCounter()
         self._stopped: Reason | None = None
+        gate = driver.gate
+        watches = gate.settings.contact is not None and not driver.info.harmless
+        self._begun = gate.counts if watches else None
 
     def add(self, seen: Perception | None, position: Array, sent: SafeCommand, *, opening: bool) -> None:
         """Adds the data of one period. `seen` is the perception, or None if the reading did not fit the
@@ -207,8 +225,15 @@ class Account:
             went_back=self._went_back.notices(),
             lacks=self._lacks,
             advice=advice,
+            by_torques=self._by_torques(),
             switches=tuple(name for name in self._touched if name in self._driver.robot.switches),
         )
+
+    def _by_torques(self) -> float | None:
+        if (begun := self._begun) is None:
+            return None
+        now = self._driver.gate.counts
+        return (now.torque_steps - begun.torque_steps) / max(now.steps - begun.steps, 1)
 
     def _touch(self, seen: Perception) -> None:
         if not seen.contacts:

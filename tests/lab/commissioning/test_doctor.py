@@ -13,6 +13,7 @@ from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DriverError
+from tci.gate.settings import over_a_wire
 from tci.lab.commissioning.doctor import judge
 from tci.lab.commissioning.machine import _delays, examine_machine
 from tci.lab.commissioning.streams import observe
@@ -199,9 +200,35 @@ def test_another_package_in_the_same_folder_is_told(tmp_path: Path, monkeypatch:
 
 def test_a_robot_without_patches_has_only_joints() -> None:
     robot: Robot = load_robot("nao").model_copy(update={"patches": ()})
-    assert {subject for subject, _ in examine(SimulatedDriver(robot))} == {"joints", "limits"}
+    assert {subject for subject, _ in examine(SimulatedDriver(robot))} == {"joints", "contact", "limits"}
 
 
 def test_a_wake_up_that_misses_periods_is_late_by_all_of_them() -> None:
     times = np.array([0.0, 0.0021, 0.0039999, 0.0111, 0.0125])
     np.testing.assert_allclose(_delays(times), [0.0, 0.0001, 0.0, 0.0051, 0.0005], atol=1e-9)
+
+
+class OverAWire(Spoilt):
+    """A robot behind a wire: torques count once motion has shown that they are what they seem."""
+
+    def _receive(self) -> Reading:
+        self.gate.set_contact(over_a_wire(softens=False).contact)
+        return super()._receive()
+
+
+def test_it_says_how_a_link_without_skin_notices_whom_it_meets(world: World) -> None:
+    def contact(change: Callable[[Reading], Reading | None] = lambda reading: reading) -> Finding:
+        world.reset()
+        driver = OverAWire(world.robot, world=world)
+        driver.change = change
+        (found,) = (one for (subject, _), one in examine(driver).items() if subject == "contact")
+        return found
+
+    assert contact().level is Level.OK
+    assert "6 degrees" in contact().what
+    without = contact(with_joints(lambda joints: replace(joints, torque=None)))
+    assert without.level is Level.NOTE
+    assert without.what.startswith("no joint torques")
+    gaps = contact(lambda reading: None if reading.joints.sequence % 250 >= 150 else reading)
+    assert gaps.level is Level.WARNING
+    assert gaps.figures["gaps"] in (3.0, 4.0)

@@ -3,20 +3,22 @@
 While all references cruise, a robot's own motion changes torques slowly, and what accelerations take is known
 roughly. So what a joint bears more comes from outside, long before a stiff servo is bent by degrees. When
 references rest again, a joint is also compared with what it bore before they accelerated: whoever was met
-meanwhile would else count as what it always bore.
+meanwhile would else count as what it always bore. Over a wire torques tell only as far as `trust` says.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import DescriptionError, UnknownNameError
+from tci.gate.contact.following import FAST
 from tci.gate.contact.own_weight import OwnWeight
+from tci.gate.contact.trust import Trust
 from tci.gate.contact.weights import FRICTION, WRONG, longest_levers
 from tci.gate.joint_monitor import Reference
 from tci.messages import JointReading, Mode
@@ -51,14 +53,6 @@ turned."""
 VISCOUS = 0.5
 """Fraction of its torque limit that friction of a joint may take more at full speed than at rest: an iCub's
 wrist takes 0.4."""
-SHOWS, EXPECTED = 1.0, 0.5
-"""Time [s] for which joints must have moved, and fraction of what counts that they must not have come to,
-until torques count over a wire: some robots tell currents, and some plan their own motion."""
-FAST = float(np.deg2rad(20.0))
-"""Speed [rad/s] of a reference from which on a joint moves."""
-GAP, SETTLES = 3.0, 0.2
-"""Multiple of the usual time between readings that is a gap, and time [s] after one for which torques tell
-nothing over a wire."""
 SHORTEST = 1e-6
 """Shortest time [s] between two references. Of the first nobody knows how fast it came."""
 PIECE = 0.01
@@ -72,8 +66,9 @@ class Bearing:
         """`known`: torques are what they seem, and it is known when joints accelerate; else motion without a
         contact must show it first."""
         self._robot, self._weight = robot, weight
-        self._known, self._shown = known, np.inf if known else 0.0  # for how long [s] motion showed it
-        self._usual, self._stamp, self._gap = np.inf, np.nan, -np.inf  # between readings, and when last [s]
+        self._trust = Trust(known=known)
+        self.tells = False
+        """Torques of the latest reading tell of contact."""
         self.dynamics: Dynamics | None = None
         """Of the links with what they carry; None without masses."""
         levers = longest_levers(robot)
@@ -114,7 +109,7 @@ class Bearing:
         self._torques.clear()
         self._even.clear()
         self.rose[:] = np.inf
-        self._stamp, self._gap = np.nan, -np.inf
+        self._trust.forget()
         self._latest, self._changed, self._swung = np.inf, -np.inf, -np.inf
 
     def remember(self, reference: Reference, now: float) -> None:
@@ -137,7 +132,7 @@ class Bearing:
     @property
     def before(self) -> Borne | None:
         """What joints bore before a contact that is noticed now."""
-        if not (self._tells and self._even and self._torques):
+        if not (self._trust.earned and self._even and self._torques):
             return None
         known = self._torques[-1][0] - self._even[0].stamp > ONSET
         return self._borne(self._even[0], self.least) if known else None
@@ -166,7 +161,9 @@ class Bearing:
         """What each joint bears more than a moment ago, or than before references accelerated (n_servos,), as
         multiples of what comes from outside; 0 without measured torques. Joints lag by `lag` [s] at most,
         and motors of servos that `swing` (k,) give all they have."""
-        if not self._regular(joints.stamp):
+        self.tells = False
+        self._trust.read(joints.stamp)
+        if not self._trust.regular:
             self._torques.clear()
             return np.zeros(len(self.least))
         if joints.torque is None:
@@ -201,32 +198,13 @@ class Bearing:
             more = (np.abs(since) > np.abs(found)) & (np.abs(joints.torque) > np.abs(even[0].torque))
             found, self.counts = np.where(more, since, found), np.where(more, counts, self.counts)
         found[self._asked] = 0.0  # somebody asks for these torques
-        if not self._tells:
-            self._show(found, torques)
+        if not self._trust.earned:
+            moves = len(torques) > 1 and bool((np.abs(self._velocity) > FAST).any())
+            self._trust.show(float(np.abs(found).max()), moves=moves)
             return np.zeros(len(found))
+        self.tells = True
         self.rose = np.where(np.abs(found) > RISES, np.minimum(self.rose, joints.stamp), np.inf)
         return found
-
-    @property
-    def _tells(self) -> bool:
-        return self._shown >= SHOWS
-
-    def _regular(self, stamp: float) -> bool:
-        """True if readings came as usual, the latest of `stamp` [s]: what waited behind a gap is older than
-        it says."""
-        passed, self._stamp = stamp - self._stamp, stamp
-        if passed > GAP * self._usual:
-            self._gap = stamp
-        if passed > 0.0:
-            self._usual = passed if self._usual == np.inf else 0.9 * self._usual + 0.1 * passed
-        return self._known or stamp - self._gap > SETTLES
-
-    def _show(self, found: Array, torques: Sequence[tuple[float, Array]]) -> None:
-        """Notes for how long joints moved and bore what was expected of them."""
-        if (most := float(np.abs(found).max())) > 1.0:
-            self._shown = 0.0
-        elif most < EXPECTED and len(torques) > 1 and (np.abs(self._velocity) > FAST).any():
-            self._shown += min(torques[-1][0] - torques[-2][0], 0.02)
 
     def _borne(self, one: _Even, counts: Array) -> Borne:
         return Borne(one.torque, counts, self._weight.torques(one.position))

@@ -91,6 +91,11 @@ class ContactReaction:
         self._scene.bearing.load(tools)
         self._scene.overloads.load(self._scene.bearing.dynamics)
 
+    @property
+    def torques_tell(self) -> bool:
+        """Measured torques of the latest reading tell of contact."""
+        return self._scene.bearing.tells
+
     def expect(self, servos: NDArray[np.intp], force: float, now: float) -> None:
         """Leaves contact up to `force` [N] on the skin of these servos' groups to a capability."""
         for group in self._groups_of(servos):

@@ -8,6 +8,7 @@ import numpy as np
 
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver
+from tci.gate.contact.trust import SETTLES, SHOWS
 from tci.lab.commissioning.assumptions import powers, too_quick
 from tci.lab.commissioning.friction import feeling_servos
 from tci.lab.commissioning.streams import Observation, Stream
@@ -22,6 +23,8 @@ OFF = 0.15
 """Largest permitted difference between the median of the values in a patch's latest frame and the patch's
 rest value, as a fraction of the sensor's range. A larger difference gives a warning. Assumed: larger than the
 drift of a sensor, and smaller than the difference that an inverted or drift-compensated sensor causes."""
+OFTEN = 0.1
+"""Share of the time after gaps between readings from which on they are a warning."""
 TURN = 2.0 * np.pi
 """Largest plausible joint angle [rad]. No joint of a humanoid turns by more than a full turn."""
 
@@ -39,6 +42,7 @@ def judge(driver: Driver, seen: Observation) -> tuple[Finding, ...]:
         *(found for reading in seen.readings[-1:] for found in judge_torques(driver.robot, reading)),
         *(found for stream in seen.streams[1:] for found in _skin_stream(driver.robot, stream)),
         *_skin_values(driver.robot, seen),
+        *_contact(driver, seen),
         *_limits(driver.robot),
     )
 
@@ -262,6 +266,41 @@ def _rest(patch: Patch, sensor: Sensor, values: np.ndarray) -> Iterator[Finding]
             "channels without a taxel read 0; a taxel among them is masked as dead",
             {"zeros": float(dead)},
         )
+
+
+def _contact(driver: Driver, seen: Observation) -> Iterator[Finding]:
+    """What tells of somebody whom a link without skin meets."""
+    settings = driver.gate.settings.contact
+    if settings is None or not seen.readings:
+        return
+    held = f"a joint is {np.rad2deg(settings.held):.0f} degrees behind its reference"
+    torque, out = seen.readings[-1].joints.torque, driver.info.unreached
+    servos = [one for one in driver.robot.servos if one.index not in out]
+    silent = [one.name for one in servos if torque is None or not np.isfinite(torque[one.index])]
+    gaps, lasted = seen.streams[0].gaps, seen.readings[-1].joints.stamp - seen.readings[0].joints.stamp
+    if len(silent) == len(servos):
+        yield Finding(
+            Level.NOTE, "contact", f"no joint torques: a link without skin notices whom it meets once {held}",
+            "make its driver report torques or currents, or keep people away from links without skin",
+        )  # fmt: skip
+        return
+    if silent:
+        yield Finding(Level.NOTE, "contact", f"no torques of {_some(silent)}: they notice it once {held}")
+    if settings.stands:
+        yield Finding(Level.OK, "contact", "joint torques tell whom a link without skin meets")
+    elif gaps * SETTLES > OFTEN * lasted:
+        yield Finding(
+            Level.WARNING, "contact",
+            f"{gaps} gaps between readings in {lasted:.1f} s: for {SETTLES:g} s after each, joint torques "
+            f"tell of nobody, and a link without skin notices whom it meets once {held}",
+            "use a cable, not a radio link, or close other programs", {"gaps": float(gaps)},
+        )  # fmt: skip
+    else:
+        yield Finding(
+            Level.OK, "contact",
+            f"joint torques tell whom a link without skin meets, after joints have moved for {SHOWS:g} s as "
+            f"expected; until then once {held}", figures={"gaps": float(gaps)},
+        )  # fmt: skip
 
 
 def _some(names: Sequence[str], most: int = 6) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tci.drivers.driver import Driver
+from tci.gate.contact.trust import GAP
 from tci.messages import Reading
 from tci.messages.frames import Array
 from tci.runtime.control import Control
@@ -38,6 +39,8 @@ class Stream:
     """Median, over all calls of `read`, of the age [s] of the newest frame."""
     oldest: float
     """Largest age [s] that the newest frame had in a call of `read`; infinite if no frame arrived."""
+    gaps: int
+    """Number of times that `GAP` times the usual time or more lay between two frames that were read."""
 
     def to_json(self) -> dict[str, object]:
         """Returns the statistics as JSON values. Ages are in [ms]."""
@@ -51,6 +54,7 @@ class Stream:
             "older": self.older,
             "age_ms": 1e3 * self.age,
             "oldest_ms": 1e3 * self.oldest,
+            "gaps": self.gaps,
         }
 
 
@@ -96,12 +100,13 @@ class _Count:
         """Returns the statistics of the counted frames of a patch or of the joints. Without any frame, the
         rate is 0 and the age is infinite."""
         if not self.seen:
-            return Stream(name, expected, 0, 0, 0.0, 0, self.older, np.inf, np.inf)
+            return Stream(name, expected, 0, 0, 0.0, 0, self.older, np.inf, np.inf, 0)
         (first, begin), (last, end) = self.seen[0], self.seen[-1]
         steps = last - first
         rate = steps / (end - begin) if end > begin else 0.0
         often = elapsed > 0.0 and reads / elapsed >= ENOUGH * rate
         lost = steps + 1 - len(self.seen) if often else 0
+        between = np.diff([stamp for _, stamp in self.seen])
         return Stream(
             name,
             expected,
@@ -112,6 +117,7 @@ class _Count:
             self.older,
             float(np.median(self.ages)),
             max(self.ages),
+            int((between > GAP * np.median(between)).sum()) if between.size else 0,
         )
 
 

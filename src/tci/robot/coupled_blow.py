@@ -27,7 +27,8 @@ class Motors:
     def __init__(self, robot: Robot) -> None:
         """Raises the errors that `Dynamics` raises."""
         carried = inertia_range(robot).largest.diagonal()
-        accelerations = [servo.limits.acceleration or 20.0 for servo in robot.servos]
+        self.acceleration = read_only([servo.limits.acceleration or 20.0 for servo in robot.servos])
+        """(n_servos,) [rad/s2] at most."""
         self.rotor = read_only(ROTOR * carried)
         """(n_servos,) [kg m2] at the joints."""
         self.stiffness = read_only((1.0 + ROTOR) * carried * BANDWIDTH**2)
@@ -36,7 +37,7 @@ class Motors:
         """(n_servos,) [N m s/rad]."""
         given = [servo.limits.torque or 0.0 for servo in robot.servos]
         # a servo has at least the torque that its acceleration limit needs
-        self.torque = read_only(np.maximum(given, (1.0 + ROTOR) * carried * accelerations))
+        self.torque = read_only(np.maximum(given, (1.0 + ROTOR) * carried * self.acceleration))
         """(n_servos,) [N m] at most."""
 
     def behind(self, inertia: Array, moved: Array) -> Coupled | None:
@@ -48,7 +49,7 @@ class Motors:
             return None
         joints = np.flatnonzero(np.abs(inertia[moves]).max(axis=0) > 0.0)  # those that feel a blow
         gives = np.linalg.inv(inertia[np.ix_(joints, joints)] + np.diag(self.rotor[joints]))
-        per_joint = self.stiffness, self.damping, self.torque, moved
+        per_joint = self.stiffness, self.damping, self.torque, self.acceleration, moved
         return Coupled(joints, Carried(read_only(gives), *[read_only(one[joints]) for one in per_joint]))
 
 
@@ -74,6 +75,6 @@ class Coupled:
     def force_on(self, struck: Struck, velocity: Array, *, reaction: float) -> float:
         """Largest force [N] of a blow at servo speeds `velocity` (n_servos,) [rad/s], noticed `reaction` [s]
         after the first touch."""
-        rates, room = read_only(velocity[self.joints]), np.empty((3, len(self.joints)))
+        rates, room = read_only(velocity[self.joints]), np.empty((5, len(self.joints)))
         peak = coupled_peak(self.carried, rates, struck.stiffness, struck.mass, reaction, room)
         return float(peak)

@@ -44,15 +44,16 @@ def replay(robot: Robot, impact: Impact, *, answered: bool = True) -> float:
     model.dof_armature[columns] = motors.rotor[servos]
     stiffness, damping, most = (one[servos] for one in (motors.stiffness, motors.damping, motors.torque))
     mujoco.mj_setConst(model, mujoco.MjData(model))
-    speed, start = impact.velocity[servos], data.qpos[addresses].copy()
-    data.qvel[columns] = speed
+    reference, goes = data.qpos[addresses].copy(), impact.velocity[servos]
+    brakes, side = motors.acceleration[servos], np.sign(goes)
+    data.qvel[columns] = goes
     spring = model.joint("person surface")
     bent, goes_in = spring.qposadr[0], spring.dofadr[0]
     reaction, largest = REACTION if answered else LASTING, 0.0
     for number in range(int(LASTING / STEP)):
-        now = number * STEP
-        goes = speed if now < reaction else 0.0 * speed
-        reference = start + speed * min(now, reaction)
+        if number * STEP >= reaction:
+            goes = side * np.maximum(side * goes - brakes * STEP, 0.0)
+        reference += goes * STEP
         torque = stiffness * (reference - data.qpos[addresses]) + damping * (goes - data.qvel[columns])
         data.qfrc_applied[columns] = np.clip(torque, -most, most)
         mujoco.mj_step(model, data)

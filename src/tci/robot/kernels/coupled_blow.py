@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
 from numba import float64
 
 from tci.messages.frames import Array
@@ -22,12 +23,14 @@ class Carried(NamedTuple):
     """(n,) [N m s/rad] of the servos."""
     torque: Array
     """(n,) [N m] at most."""
+    brakes: Array
+    """(n,) [rad/s2] by which references brake."""
     moved: Array
     """(n,) [m/rad] by which each joint moves the place along the direction of the blow."""
 
 
 @compiled(
-    float64(record(Carried, reads(2), *[reads(1)] * 4), reads(1), float64, float64, float64, writes(2)),
+    float64(record(Carried, reads(2), *[reads(1)] * 5), reads(1), float64, float64, float64, writes(2)),
     seldom=True,
 )
 def coupled_peak(
@@ -37,25 +40,25 @@ def coupled_peak(
 
     Args:
         carried: What strikes.
-        rates: Speeds (n,) [rad/s] before the blow; the servos' references go on with them until `reaction`.
+        rates: Speeds (n,) [rad/s] before the blow; the servos' references go on with them until `reaction`,
+            and then brake. One that stood at once would tear a fast joint off the struck body, which joints
+            that lag then throw back there.
         spring: [N/m] of the struck body's surface.
         struck: [kg] of the struck body.
         reaction: [s].
-        room: (3, n), overwritten.
+        room: (5, n), overwritten.
     """
     n = len(rates)
-    bent, speeds, torques = room[0], room[1], room[2]
+    bent, speeds, torques, gone, goes = room[0], room[1], room[2], room[3], room[4]
     for i in range(n):
-        bent[i], speeds[i] = 0.0, rates[i]
+        bent[i], speeds[i], gone[i], goes[i] = 0.0, rates[i], 0.0, rates[i]
     place, struck_place, struck_speed, most = 0.0, 0.0, 0.0, 0.0
     for step in range(int(LONGEST / STEP)):
-        now = step * STEP
-        goes, gone = (1.0, now) if now < reaction else (0.0, reaction)
         force = max(spring * (place - struck_place), 0.0)
         most = max(most, force)
         for i in range(n):
-            torque = carried.stiffness[i] * (gone * rates[i] - bent[i])
-            torque += carried.damping[i] * (goes * rates[i] - speeds[i])
+            torque = carried.stiffness[i] * (gone[i] - bent[i])
+            torque += carried.damping[i] * (goes[i] - speeds[i])
             most_torque = carried.torque[i]
             torques[i] = min(max(torque, -most_torque), most_torque) - carried.moved[i] * force
         place = 0.0
@@ -63,6 +66,10 @@ def coupled_peak(
             for k in range(n):
                 speeds[i] += carried.gives[i, k] * torques[k] * STEP
             bent[i] += speeds[i] * STEP
+            gone[i] += goes[i] * STEP
+            if step * STEP >= reaction:
+                side = np.sign(rates[i])
+                goes[i] = side * max(side * goes[i] - carried.brakes[i] * STEP, 0.0)
             place += carried.moved[i] * bent[i]
         struck_speed += force / struck * STEP
         struck_place += struck_speed * STEP

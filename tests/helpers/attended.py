@@ -192,7 +192,8 @@ def touch(name: str, seed: int) -> Seen | None:
         end = max(end, int(np.flatnonzero(touching)[-1]))
     offs = [_off(judge, qpos, place[0]) for *_, qpos in trace]
     limit = min([*(speed for _, speed in camera.joints), *speeds])
-    deadline = times[end] + 0.3 + np.radians(offs[end]) / (0.8 * limit)
+    waits = 0.7 if camera.level else 0.3  # half a second after a touch of what a waist would move
+    deadline = times[end] + waits + np.radians(offs[end]) / (0.8 * limit)
     best = judge.best(place[0])
     stays = round(HALF / (times[1] - times[0]))
     held = np.array([max(offs[k : k + stays]) for k in range(len(times) - stays)])

@@ -50,8 +50,8 @@ def attends(full: bool) -> Row:
         f"told: {sum(one['kept'] == 'a collision' for one in touches)} stopped before a collision, "
         f"{sum(one['kept'] == 'the finger' for one in touches)} not turned back to the finger (G1), "
         f"{sum(one['kept'] == 'the arm' for one in touches)} late, since the arm met its own body",
-        "within 5 degrees, or as near as the joints go, 0.3 s + angle / (0.8 x speed) after the withdrawal; "
-        "a stroke within 10 degrees",
+        "within 5 degrees, or as near as the joints go, 0.3 s (a waist: 0.7 s) + angle / (0.8 x speed) after "
+        "the withdrawal; a stroke within 10 degrees",
         not missed,
     )
 

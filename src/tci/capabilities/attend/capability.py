@@ -101,8 +101,9 @@ class Attend(Capability[Attention]):
     patience: float = 2.0
     """Time [s] for which it goes on looking after the touch, and after it has come there. Assumed."""
     quiet: float = 0.5
-    """Time [s] without touch after which a look that was stopped goes on. Assumed: a hand that slides or
-    shakes makes contact again within this time."""
+    """Time [s] without touch of what it would move after which a look begins, or goes on. Assumed: a hand
+    that pats, slides or shakes makes contact again within this time, and one that leaves is out of the
+    way."""
     people: Sequence[Struck] = PEOPLE
     """Who may stand in the way of head and arms, as for `WithdrawalReflex`; empty for the full speed."""
 
@@ -138,7 +139,7 @@ class Attend(Capability[Attention]):
         if any(one.part == part for one in perception.met):  # the gate dropped its order, which is due again
             said = f"{part} waits, since another part met somebody"
             return (), replace(memory, look=None, left=np.inf, blocked=now, said=said)
-        if now - memory.blocked < (self.quiet if memory.held else self.delay):
+        if now - memory.blocked < self.quiet:
             return (), memory
         here = perception.posture[part]
         if memory.look is not None and np.abs(memory.look.target - here).max() > LONG * FRESH:

@@ -105,6 +105,26 @@ def test_what_the_robots_gate_met_is_perceived_in_the_same_period(wire: Wire) ->
         assert wire.gate.step([], moment.reading.joints, moment.now).met == wire.met
 
 
+def test_what_the_robots_gate_answers_is_told_once(wire: Wire) -> None:
+    """Without it, a motion that ended in a contact ended here as if it had been made."""
+
+    def told(*met: Met) -> list[str]:
+        wire.met = met
+        return [str(reason) for reason in wire.order().clamped if reason.code is Code.CONTACT]
+
+    held = Met("left_arm", 20.0, "LElbowRoll", float(np.deg2rad(3.0)), "retreat")
+    palm = Met("left_hand", 20.0, "LElbowRoll", float(np.deg2rad(3.0)), "retreat")
+    assert told(Met("left_arm", 8.0, None, 0.0, "told")) == []
+    assert told(held, palm) == [
+        "left_arm and left_hand met something: LElbowRoll is held 3.0 degrees behind; it goes back"
+    ]
+    waits = Met("left_arm", 0.0, None, 0.0, "waits")
+    assert told(held) == told(waits) == told(held) == told() == []
+    assert told(Met("left_arm", 20.0, None, 0.0, "stop")) == [
+        "left_arm met something: 20 N on its skin; it stops"
+    ]
+
+
 def test_a_driver_whose_wire_is_cut_is_closed_all_the_same(wire: Wire) -> None:
     wire.order(wire.native("LArm").command({"LElbowRoll": -1.2}))
     wire.cut = True

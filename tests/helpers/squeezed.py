@@ -204,12 +204,13 @@ def squeeze(
     said = [str(notice) for notice in (*result.refusals, *result.clamps, *result.holds, *result.went_back)]
     said += [str(reason)] if reason else []
     return Outcome(
-        **vars(_pressed(person, skin["person"])), state=state, said=tuple(said),
-        other=_pressed(second, skin["second"]), force=(np.array(person.time), np.array(person.force)),
+        **vars(pressed(person, skin["person"])), state=state, said=tuple(said),
+        other=pressed(second, skin["second"]), force=(np.array(person.time), np.array(person.force)),
     )  # fmt: skip
 
 
-def _pressed(force: Felt, felt: bool) -> Pressed:
+def pressed(force: Felt, felt: bool) -> Pressed:
+    """What somebody bore, on skin if it `felt` them."""
     first = force.first
     half, late = (0.0 if first is None else force.at(first + after) for after in (0.5, 2.0))
     return Pressed(first, force.peak, half, late, force.now, force.above(65.0), felt)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,6 +29,8 @@ UNFIT = frozenset(
     }
 )  # fmt: skip
 """Causes of a stop after which no way back is known: angles or servos are not what they seem."""
+ANSWERED = ("retreat", "stop")
+"""Answers of another gate that are told. A part that "soft" gives way rests and obeys, usually."""
 POWER = frozenset({Code.SERVO_OFF, Code.SERVO_MODE})
 """Those after which the gate sends no stiffness: it might switch on a servo that somebody switched off."""
 
@@ -39,6 +42,7 @@ class Answering:
         self._robot, self._loads = robot, dict[str, Tool]()
         self._reaction = None if settings is None else self._make(settings)
         self._told_met: tuple[Met, ...] = ()
+        self._news: list[Reason] = []
         self.told: list[Reason] = []
         """What to tell of the latest step."""
         self._fresh = frozenset[int]()
@@ -74,7 +78,17 @@ class Answering:
         return self._told_met if self._reaction is None else self._reaction.met + self._reaction.waiting
 
     def tell_met(self, met: Sequence[Met]) -> None:
-        """Says what the gate that answers contact noticed."""
+        """Says what the gate that answers contact noticed. What it began to answer is told, too."""
+        if self._reaction is not None:
+            return
+        before = {one.part for one in self._told_met if one.answer in (*ANSWERED, "waits")}
+        new: dict[Met, list[str]] = {}
+        for one in met:
+            if one.answer in ANSWERED and one.part not in before:
+                new.setdefault(replace(one, part=""), []).append(one.part)
+        self._news += [
+            Reason(Code.CONTACT, str(replace(one, part=" and ".join(parts)))) for one, parts in new.items()
+        ]
         self._told_met = tuple(met)
 
     @property
@@ -181,6 +195,7 @@ class Answering:
             return (), None
         self.told, self._fresh, before = [], frozenset(), self.disobey
         if self._reaction is None:
+            self.told, self._news = self._news, []
             return (), None
         if stopped is not None and unfit:
             if stopped.code not in POWER:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import degrees
 from typing import Literal, get_args
 
 Answer = Literal["told", "expected", "soft", "retreat", "stop", "waits"]
 """What the gate does about a contact: it only tells it, leaves it to the capability that expected it, gives
 way, goes back, or stops the part. A part that "waits" is in no contact, but obeys nobody yet: its own was
 over less than half a second ago, or it could press somebody whom another part leaves."""
+DOES: dict[Answer, str] = {
+    "told": "goes on", "expected": "goes on", "soft": "gives way", "retreat": "goes back", "stop": "stops",
+    "waits": "waits",
+}  # fmt: skip
 ANSWERS: tuple[Answer, ...] = get_args(Answer)
 
 
@@ -26,3 +31,11 @@ class Met:
     behind: float
     """Angle [rad] by which it does not follow; 0 if it does."""
     answer: Answer
+
+    def __str__(self) -> str:
+        what = f"{self.force:.0f} N on its skin"
+        if self.joint is not None and self.behind:
+            what = f"{self.joint} is held {degrees(self.behind):.1f} degrees behind"
+        elif self.joint is not None:
+            what = f"{self.joint} bears more than a moment ago"
+        return f"{self.part} met something: {what}; it {DOES[self.answer]}"

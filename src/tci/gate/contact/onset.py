@@ -12,9 +12,8 @@ from tci.gate.contact.scene import Scene
 from tci.gate.contact.softness import LIGHT
 from tci.gate.contact.weights import Sag
 from tci.messages.frames import Array
+from tci.messages.met import DOES
 from tci.reasons import Code, Reason
-
-DOES = {"retreat": "goes back", "soft": "gives way", "stop": "stops"}
 
 
 def meet(scene: Scene, group: Group, seen: Seen, *, freeing: bool) -> tuple[Array | None, Reason | None]:

@@ -291,17 +291,26 @@ def player() -> tuple[Said, Said]:
 def unitree() -> tuple[Said, Said]:
     from tci.wires.unitree import server as servers
     from tci.wires.unitree.driver import slots_of
+    from tci.wires.unitree.handover import Handover, Phase
+    from tci.wires.unitree.motors import SENT, gains
     from tci.wires.unitree.set_points import SetPoints
     from tci.wires.unitree.wire import COMMAND, encode_command
 
     robot, written = robot_of("g1"), []
     for whole in (False, True):
-        points = SetPoints(slots_of(robot), whole=whole)
+        points, now = SetPoints(robot, slots_of(robot), whole=whole), NOW
+        handover, first = Handover(gains(whole=whole), whole=whole), reading(robot).joints
+        _, here = points.here(np.zeros(29), first)
+        handover.take(here["q"], now)
+        while handover.phase is not Phase.LEADING:
+            handover.step(now := now + 0.02)
         for safe in commands(robot, [Mode.POSITION, Mode.TORQUE]):
-            chosen, targets = points.of(safe)
+            chosen, targets = points.of(safe, first)
+            handover.follow(chosen, targets, here["q"], now)
+            targets = handover.step(now)
             record: Any = np.zeros((), COMMAND)
             record["motor"]["mode"][: len(chosen)] = chosen
-            for name in targets.dtype.names:
+            for name in SENT:
                 record["motor"][name][: len(chosen)] = targets[name]
             written.append(encode_command(record).hex())
     served, shown = Served(robot), []

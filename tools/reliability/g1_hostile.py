@@ -8,10 +8,12 @@ import select
 import socket
 import struct
 import time
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import mujoco
 import numpy as np
 from g1 import ended, vendor_program
 from pool import Job, Result, gather
@@ -19,14 +21,16 @@ from row import Row
 
 from helpers.hostile_commands import SAG, WIGGLE, Attack
 from tci.gate.partial_gate import PartialGate
-from tci.messages import CONTROL_MODES
+from tci.messages import CONTROL_MODES, JointReading
 from tci.messages.frames import Array
 from tci.robot.catalogue import load_robot
+from tci.robot.collisions import solid_spec
+from tci.robot.description import Robot as Description
 from tci.shared.interface_node import InterfaceNode, Out
 from tci.wires.unitree import messages
 from tci.wires.unitree.driver import slots_of
 from tci.wires.unitree.handover import TAKE, Phase
-from tci.wires.unitree.keeper import DISCOVERY, FOLLOW, FOLLOWS, Keeper, Orders
+from tci.wires.unitree.keeper import DISCOVERY, FOLLOW, FOLLOWS, TAKES, Keeper, Orders
 from tci.wires.unitree.keeper import TAKE as ASK
 from tci.wires.unitree.set_points import SetPoints
 from tci.wires.unitree.wire import HEAD, STATE, WEIGHT, encode_state
@@ -103,8 +107,8 @@ class _Wire:
         if self._sdk is not None:
             self._sdk.send(data)
 
-    def other_writers(self, topic: str) -> int:
-        return 0
+    def fault_of_writers(self, topic: str, *, heard: bool = False) -> str:
+        return ""
 
 
 class _Sdk:
@@ -157,7 +161,9 @@ class Robot:
     STRUCT = 1004
     """Size [bytes] of the vendor's struct of a command."""
 
-    def __init__(self, slots: list[int], limits: list[Any]) -> None:
+    def __init__(self, slots: list[int], limits: list[Any], heaviest: list[float]) -> None:
+        """`heaviest` [N m] is what gravity asks of each motor at most."""
+        self.heaviest = np.array([most for slot, most in zip(slots, heaviest, strict=True) if slot >= 12])
         self.slots = [slot for slot in slots if slot >= 12]
         mine = [limit for slot, limit in zip(slots, limits, strict=True) if slot >= 12]
         self.lower, self.upper, self.speed, self.jerk, self.torque = (
@@ -190,7 +196,7 @@ class Robot:
             "jump": (near > self.speed * PERIOD * (1.0 + ROUNDING) + close) & ~loose,
             "speed": np.abs(dq) > self.speed * (1.0 + ROUNDING),
             "torque": np.abs(tau) > self.torque * (1.0 + ROUNDING),
-            "torque beside stiffness": (tau != 0.0) & ~loose,
+            "torque beside stiffness": (np.abs(tau) > self.heaviest + 1e-3) & ~loose,
             "gains": ~((kp >= 0.0) & (kp <= GAINS[0]) & (kd >= 0.0) & (kd <= GAINS[1])),
         }
         self.faults += [
@@ -227,14 +233,15 @@ class _Attack(Attack):
         # In an attack, links pass through each other. The check for self-collision would hold the arms in
         # such postures, which no real robot can reach.
         self.gate = PartialGate(robot, legs, period=PERIOD, stale_after=0.1, streams=True)
-        self.wire, self.set_points = _Wire(sdk), SetPoints(self.slots, whole=False)
+        self.wire, self.set_points = _Wire(sdk), SetPoints(robot, self.slots, whole=False)
         self.socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         theirs.setblocking(False)
         orders = Orders("lo", 0, "rt/arm_sdk", whole=False, simulation=False, period=PERIOD, socket=0)
         self.keeper = Keeper(orders, self.wire, theirs)
-        self.end = Robot(self.slots.tolist(), [servo.limits for servo in robot.servos])
+        heaviest = [_heaviest(robot)[servo.joint or servo.name] for servo in robot.servos]
+        self.end = Robot(self.slots.tolist(), [servo.limits for servo in robot.servos], heaviest)
         self.messages, self.refused, self.time = 0, 0, 0.0
-        self.socket.send(ASK)
+        self.socket.send(TAKES.pack(ASK, *self.set_points.holds(self._true).tolist()))
         while self.keeper.handover.phase is not Phase.LEADING:
             self._tell(self.angles)
             assert self.time < 2.0 * (DISCOVERY + TAKE)
@@ -243,10 +250,14 @@ class _Attack(Attack):
         seen = self.angles.copy()
         safe = super()._pass(orders, malformed, when, moved=moved)
         self.refused += len(safe.refusals)
-        chosen, targets = self.set_points.of(safe)
+        chosen, targets = self.set_points.of(safe, self._true)
         self.socket.send(FOLLOWS.pack(FOLLOW, *chosen.tolist(), targets.tobytes()))
         self._tell(seen)
         return safe
+
+    @property
+    def _true(self) -> JointReading:
+        return JointReading(self.time, self.messages, self.angles, np.zeros(len(self.angles)))
 
     def _see(self, safe: Any, before: Array, speed: Array, moved: bool) -> None:
         self.judge.see(safe, before, moved=moved, speed=speed)  # predicted motions are not sent to a G1
@@ -265,6 +276,18 @@ class _Attack(Attack):
             self.messages += 1
             self.end.see(data, measured)
         self.wire.sent.clear()
+
+
+@cache
+def _heaviest(robot: Description) -> dict[str, float]:
+    """What gravity asks of each joint at most [N m], of 3000 postures of the model as it is, and a tenth."""
+    model, random = solid_spec(robot).compile(), np.random.default_rng(0)
+    data, most = mujoco.MjData(model), np.zeros(model.nv)
+    for _ in range(3000):
+        data.qpos[:] = random.uniform(*model.jnt_range.T)
+        mujoco.mj_forward(model, data)
+        most = np.maximum(most, np.abs(data.qfrc_bias))
+    return {model.joint(joint).name: 1.1 * most[model.joint(joint).dofadr[0]] for joint in range(model.njnt)}
 
 
 def _attack(seed: int, sdk: _Sdk | None = None) -> Result:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tci.wires.unitree.handover import DAMPED, GIVE, QUIET, TAKE, Handover, Phase
+from tci.wires.unitree.handover import DAMPED, GIVE, QUIET, TAKE, Handover, Phase, holding
 from tci.wires.unitree.motors import ARM_GAINS, MOTORS, TARGET, gains
 
 PERIOD = 0.004
@@ -128,6 +128,21 @@ def test_velocities_and_torques_end_when_targets_stop() -> None:
     late = handover.step(now + QUIET + PERIOD)
     assert not pushes(late)
     assert (late["kd"] == ARM_GAINS["kd"]).all()
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_what_holds_the_weight_comes_with_the_stiffness_and_goes_with_it(whole: bool) -> None:
+    handover, now = Handover(gains(whole=whole), whole=whole), 10.0
+    handover.take(HERE, now, 2.0)
+    first = handover.step(now + PERIOD)["tau"]
+    assert (first < 0.1).all() if whole else (first == 2.0).all(), "over rt/arm_sdk the robot weights it"
+    handover, now = leading(whole=whole)
+    targets = holding(HERE, gains(whole=whole), 2.0)
+    handover.follow(np.arange(MOTORS) < 20, targets, HERE, now)
+    assert (handover.step(now + PERIOD)["tau"] == 2.0).all(), "of all motors, commanded or not"
+    assert (handover.step(now + QUIET + PERIOD)["tau"] == 2.0).all(), "while nobody tells, too"
+    handover.give()
+    assert (handover.step(now + QUIET + 2.0 * PERIOD)["tau"] == (0.0 if whole else 2.0)).all()
 
 
 def test_a_motor_under_torque_that_is_left_stays_where_it_is() -> None:

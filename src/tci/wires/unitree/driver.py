@@ -115,7 +115,7 @@ class UnitreeDriver(Driver):
         self._source = SourceClock()
         self._joints: JointReading | None = None
         self._phase = Phase.WAITING
-        self._set_points = SetPoints(self._slots, whole=self.where.whole)
+        self._set_points = SetPoints(robot, self._slots, whole=self.where.whole)
         self._fingers: list[FingerMotors | InspireFingers] = []
         self._held: HeldMotors | None = None
         self._began, self._look = self.clock.now(), Every(LOOK)
@@ -216,17 +216,19 @@ class UnitreeDriver(Driver):
 
     def _send(self, safe: SafeCommand) -> None:
         assert self._held is not None  # armed drivers hold motors
+        assert self._joints is not None  # the constructor waits for joint data
         if self._phase is Phase.WAITING and not self._held.status.lasting:
-            self._held.take()
+            self._take()
             return
-        self._held.follow(*self._set_points.of(safe))
+        self._held.follow(*self._set_points.of(safe, self._joints))
         for fingers in self._fingers:
             fingers.obey(safe)
 
     def _halt(self) -> None:
         assert self._held is not None  # armed drivers hold motors
         self._hear()
-        self._held.follow(*self._set_points.here(self._health.posture))
+        assert self._joints is not None  # the constructor waits for joint data
+        self._held.follow(*self._set_points.here(self._health.posture, self._joints))
         for fingers in self._fingers:
             fingers.hold()
 
@@ -325,11 +327,16 @@ class UnitreeDriver(Driver):
         if self.where.whole:
             Switcher(self._node).release()
         self._held = HeldMotors(self.where, self.period, self._node, self._health)
-        self._held.take()
+        self._take()
         self._held.wait()
         self._phase = Phase.LEADING
         self._joints = None
         self._wait(WAIT)
+
+    def _take(self) -> None:
+        assert self._held is not None and self._joints is not None
+        self._held.holds = self._set_points.holds(self._joints)
+        self._held.take()
 
     def _follow(self, status: Status) -> None:
         """Adapts the gate to the keeper's `status`: the gate stops after a lasting fault, and holds while TCI

@@ -57,10 +57,11 @@ class Phase(IntEnum):
     not change. Over rt/lowcmd, the motors are damped."""
 
 
-def holding(posture: Array, gains: NDArray[np.void]) -> NDArray[np.void]:
-    """`TARGET`s (29,) with which the motors hold `posture` (29,) [rad]."""
+def holding(posture: Array, gains: NDArray[np.void], holds: Array | float = 0.0) -> NDArray[np.void]:
+    """`TARGET`s (29,) with which the motors hold `posture` (29,) [rad]. Its weight needs the torques `holds`
+    (29,) [N m]."""
     targets = np.zeros(MOTORS, TARGET)
-    targets["q"], targets["kp"], targets["kd"] = posture, gains["kp"], gains["kd"]
+    targets["q"], targets["kp"], targets["kd"], targets["holds"] = posture, gains["kp"], gains["kd"], holds
     return targets
 
 
@@ -79,13 +80,13 @@ class Handover:
         self._now = self._told = 0.0
         self._pushed = np.zeros(MOTORS, dtype=bool)
 
-    def take(self, posture: Array, now: float) -> None:
-        """Begins to take the motors at `posture` (29,) [rad] at the time `now` [s]. Has no effect if TCI
-        controls the motors already.
+    def take(self, posture: Array, now: float, holds: Array | float = 0.0) -> None:
+        """Begins to take the motors at `posture` (29,) [rad], whose weight needs the torques `holds` (29,)
+        [N m], at the time `now` [s]. Has no effect if TCI controls the motors already.
         """
         if self.phase is Phase.WAITING:
             self.phase, self.weight = Phase.TAKING, 0.0
-            self._goal = holding(posture, self._gains)
+            self._goal = holding(posture, self._gains, holds)
             self._pushed[:] = False
             self._now = self._told = now
 
@@ -102,13 +103,14 @@ class Handover:
         self, chosen: NDArray[np.bool_], targets: NDArray[np.void], posture: Array, now: float
     ) -> None:
         """Stores a new `TARGET` (29,) for each of the `chosen` motors (29,). The targets of other motors do
-        not change. If a motor followed a torque and is no longer chosen, the
-        motor's new target is the motor's angle in `posture` (29,) [rad].
+        not change, except for the torques that hold them. If a motor followed a torque and is no longer
+        chosen, the motor's new target is the motor's angle in `posture` (29,) [rad].
         """
         if self.phase is not Phase.LEADING:
             return
         left = self._pushed & ~chosen
         self._goal[left] = holding(posture, self._gains)[left]
+        self._goal["holds"] = targets["holds"]
         self._goal["dq"][~chosen] = self._goal["tau"][~chosen] = 0.0
         self._goal[chosen] = targets[chosen]
         self._pushed = chosen & (targets["tau"] != 0.0)
@@ -154,6 +156,8 @@ class Handover:
             sent["kd"] = np.maximum(sent["kd"], self._gains["kd"])
         if self._whole and self.phase is Phase.TAKING:
             sent["kp"] *= self.weight
+            sent["holds"] *= self.weight
         elif self._whole and self.phase is not Phase.LEADING:
-            sent["kp"], sent["kd"] = 0.0, DAMPING
+            sent["kp"], sent["kd"], sent["holds"] = 0.0, DAMPING, 0.0
+        sent["tau"] += sent["holds"]
         return sent

@@ -18,13 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import DriverError
+from tci.messages.frames import Array
 from tci.shared.interface_node import InterfaceNode
 from tci.wires.unitree.address import UnitreeAddress
 from tci.wires.unitree.handover import GIVE as GIVE_TIME
 from tci.wires.unitree.handover import TAKE as TAKE_TIME
 from tci.wires.unitree.handover import Phase, holding
 from tci.wires.unitree.health import Health
-from tci.wires.unitree.keeper import FOLLOW, FOLLOWS, GIVE, STATUS, TAKE, Keeper, Orders, keep
+from tci.wires.unitree.keeper import FOLLOW, FOLLOWS, GIVE, STATUS, TAKE, TAKES, Keeper, Orders, keep
 from tci.wires.unitree.motors import MOTORS, TARGET, gains
 
 WAIT = 10.0
@@ -55,6 +56,8 @@ class HeldMotors:
         if not hasattr(socket, "SOCK_SEQPACKET") or not hasattr(socket, "AF_UNIX"):
             raise DriverError("a Unitree robot can be moved from Linux only; valid: connect with arm=False")
         self.status = Status(Phase.WAITING, False, 0.0, "")
+        self.holds: Array = np.zeros(MOTORS)
+        """Torques (29,) [N m] that hold the links' weight in the posture in which the motors are taken."""
         self._node, self._health = node, health
         self._goal, self._told = np.zeros(MOTORS, TARGET), np.zeros(MOTORS, dtype=bool)
         self._lock, self._ended = threading.Lock(), False
@@ -100,7 +103,7 @@ class HeldMotors:
         """Requests that the keeper takes the motors. The keeper then gradually raises the weight of its
         commands, with the present posture as target."""
         self._told[:] = False
-        self._send(TAKE)
+        self._send(TAKES.pack(TAKE, *self.holds.tolist()))
 
     def wait(self) -> None:
         """Waits until the motors follow targets. Raises DriverError with the reason if the motors do not
@@ -117,7 +120,7 @@ class HeldMotors:
     def follow(self, chosen: NDArray[np.bool_], targets: NDArray[np.void]) -> None:
         """Sends the `TARGET`s (29,) of the `chosen` motors (29,) to the keeper."""
         self._told = (self._told & (self._goal["kp"] > 0.0)) | chosen
-        self._goal[chosen] = targets[chosen]
+        self._goal[chosen], self._goal["holds"] = targets[chosen], targets["holds"]
         self._send(FOLLOWS.pack(FOLLOW, *chosen.tolist(), targets.tobytes()))
 
     def close(self) -> None:
@@ -147,7 +150,7 @@ class HeldMotors:
                 words = self.status.reason or "the process that holds the motors has ended"
                 self.status = Status(Phase.WAITING, True, 0.0, words)
                 return
-        goal = holding(self._health.posture, gains(whole=self._orders.whole))
+        goal = holding(self._health.posture, gains(whole=self._orders.whole), self._goal["holds"])
         goal[self._told] = self._goal[self._told]
         state, weight = self._health.state, self.status.weight
 

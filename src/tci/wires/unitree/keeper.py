@@ -28,12 +28,13 @@ from tci.shared.interface_node import InterfaceNode, latest
 from tci.wires.unitree import messages
 from tci.wires.unitree.handover import Handover, Phase
 from tci.wires.unitree.health import STALE, Health
-from tci.wires.unitree.motors import MOTORS, TARGET, absent, commanded, gains
+from tci.wires.unitree.motors import MOTORS, SENT, TARGET, absent, commanded, gains
 from tci.wires.unitree.wire import COMMAND, WEIGHT, decode_state, encode_command
 
 TAKE, GIVE, FOLLOW = b"T", b"G", b"F"
-"""Kinds of messages from the driver to the keeper: take the motors, give them back, and follow new targets.
-The kind is the first byte of a message."""
+"""Kinds of messages from the driver to the keeper: take the motors, which need these torques to hold their
+links, give them back, and follow new targets. The kind is the first byte of a message."""
+TAKES = struct.Struct(f"<c{MOTORS}d")
 FOLLOWS = struct.Struct(f"<c{MOTORS}?{MOTORS * TARGET.itemsize}s")
 STATUS = struct.Struct("<B?d")
 """First values of a status message: the phase of the handover, True after a fault that lasts until a person
@@ -88,6 +89,7 @@ class Keeper:
         self.leaving = False
         """True if the keeper must hand the motors back and end."""
         self._wanted = False
+        self._holds = np.zeros(MOTORS)
         self._followed: float | None = None
         self._first: float | None = None
         self._looked = -np.inf
@@ -155,8 +157,10 @@ class Keeper:
                 break
             if message == GIVE:
                 self._leave("")
-            elif message == TAKE:
+            elif len(message) == TAKES.size:
                 self._wanted, self._followed = True, None
+                _, *holds = TAKES.unpack(message)
+                self._holds = np.array(holds)
             elif len(message) == FOLLOWS.size:
                 targets = message
         if targets and self.health.state is not None:
@@ -200,7 +204,7 @@ class Keeper:
         if self._first is None or now - self._first < DISCOVERY:
             return
         self._address(self.health.state)
-        self.handover.take(self.health.posture, now)
+        self.handover.take(self.health.posture, now, self._holds)
 
     def _address(self, state: Any) -> None:
         """Prepares the command for the robot's variant in `state`, and excludes motors that this variant
@@ -213,7 +217,7 @@ class Keeper:
         """Sends the `TARGET`s (29,) to the robot. Motors that TCI does not command stay disabled."""
         motor, these = self._command["motor"], self._commanded
         motor["mode"][these] = 1
-        for name in TARGET.names or ():
+        for name in SENT:
             motor[name][these] = targets[name][these]
         if not self._whole:
             motor["q"][WEIGHT] = self.handover.weight

@@ -49,8 +49,11 @@ VARIANTS: dict[int, tuple[int, tuple[int, ...]]] = {
 """Number of motors, and slots without a motor, for each value of `mode_machine` (variant of the robot)."""
 GAINS = np.dtype([("kp", float), ("kd", float)])
 """Full stiffness [N m/rad] and full damping [N m s/rad] of a motor."""
-TARGET = np.dtype([("q", float), ("dq", float), ("tau", float), ("kp", float), ("kd", float)])
-"""What a motor should do: angle [rad], velocity [rad/s], torque [N m], stiffness and damping."""
+SENT = ("q", "dq", "tau", "kp", "kd")
+TARGET = np.dtype([(name, float) for name in (*SENT, "holds")])
+"""What a motor should do: angle [rad], velocity [rad/s], torque [N m], stiffness and damping; and the torque
+[N m] that holds its links' weight, which is sent in addition. With the vendor's gains alone arms hang up to 7
+degrees too low."""
 ALL_GAINS = np.array([
     *[(60, 1), (60, 1), (60, 1), (100, 2), (40, 1), (40, 1)] * 2, (60, 1), (40, 1), (40, 1), *[(40, 1)] * 14,
 ], GAINS)  # fmt: skip

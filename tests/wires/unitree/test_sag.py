@@ -1,0 +1,42 @@
+"""Arms of a G1 with the vendor's gains hang where they should, and nobody is met there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tci
+from helpers.dds_domains import DOMAINS
+from helpers.g1_motors import G1
+from tci.runtime.moment import Tick
+
+pytestmark = pytest.mark.live
+POSTURES = np.deg2rad([[90.0, 30.0, 0.0, 30.0, 0.0], [20.0, 60.0, 0.0, 0.0, 0.0]])
+HOLDS = 500
+"""Periods for which each posture is asked for: 2 s."""
+
+
+class Raise(tci.Capability[int]):
+    def init(self, body: tci.GenericBody) -> int:
+        return 0
+
+    def step(
+        self, memory: int, perception: tci.Perception, body: tci.GenericBody
+    ) -> tuple[tuple[tci.Order, ...], int]:
+        if memory % HOLDS:
+            return (), memory + 1
+        posture = POSTURES[memory // HOLDS % len(POSTURES)]
+        arms = ("left_arm", "right_arm")
+        return tuple(tci.GenericCommand(arm, tci.Mode.POSITION, posture) for arm in arms), memory + 1
+
+
+def test_arms_do_not_sag_and_their_weight_is_nobody() -> None:
+    """With stiffness alone they hung 5 degrees too low, and a joint that does so is held."""
+    domain, ticks = next(DOMAINS), list[Tick]()
+    with G1(domain), tci.connect("g1", f"unitree:lo/{domain}", arm=True) as driver:
+        result = tci.run(driver, Raise(), duration=4.0, observe=ticks.append)
+    assert result
+    assert not result.went_back
+    for tick in (ticks[HOLDS - 1], ticks[-1]):
+        sags = tick.sent.position - tick.reading.joints.position[tick.sent.servos]
+        assert np.rad2deg(np.abs(sags).max()) < 2.0

@@ -81,7 +81,8 @@ class RunResult(Generic[Memory]):
 
     by_torques: float | None = None
     """Share of the run, 0 to 1, in which measured joint torques told whether a part met something. In the
-    rest only skin did, and joints that stayed behind. None in simulation, and if another process watches."""
+    rest only skin did, and joints that stayed behind. None in simulation, if nothing was ordered or moved,
+    and if another process watches."""
     advice: tuple[str, ...] = ()
     """Habits of the capability that nobody notices in simulation, with what to do."""
 
@@ -230,7 +231,7 @@ class Account:
         )
 
     def _by_torques(self) -> float | None:
-        if (begun := self._begun) is None:
+        if (begun := self._begun) is None or not (self._accepted or self._moved()):
             return None
         now = self._driver.gate.counts
         return (now.torque_steps - begun.torque_steps) / max(now.steps - begun.steps, 1)

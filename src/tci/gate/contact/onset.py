@@ -25,7 +25,7 @@ def meet(scene: Scene, group: Group, seen: Seen, *, freeing: bool) -> tuple[Arra
         return _soften(scene, group, seen, moves=away), None
     expected = LIGHT < seen.felt.force <= scene.handled(group)
     pulled, what = False, f"{seen.felt.force:.0f} N on its skin"
-    if noticing.sure and scene.moves(group) and not expected:
+    if noticing.sure and scene.may_hold(group) and not expected:
         servo, angle = scene.robot.servos[seen.worst].name, np.rad2deg(seen.error)
         what = f"{servo} is held {angle:.1f} degrees behind"
         if noticing.bears and not noticing.held:

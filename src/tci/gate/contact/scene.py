@@ -11,7 +11,6 @@ from tci.gate.contact.following import PROGRESS, Following
 from tci.gate.contact.group import Group
 from tci.gate.contact.noticing import Seen
 from tci.gate.contact.overloads import Overloads
-from tci.gate.contact.own_weight import OwnWeight
 from tci.gate.contact.places import Places
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.contact.softness import LIGHT
@@ -19,9 +18,12 @@ from tci.gate.contact.things import Things
 from tci.messages import Contact
 from tci.messages.frames import Array
 from tci.robot.description import Patch, Robot
+from tci.robot.own_weight import OwnWeight
 
 MADE = 0.3
 """Time [s] after its reference moved last within which a part may have made a contact."""
+SHOWS = 0.1
+"""Time [s] in which some readings come."""
 
 
 class Scene:
@@ -89,6 +91,12 @@ class Scene:
         """True if a group may have made a contact: it moves, or did a moment ago, and not because somebody
         pushes it."""
         return not group.softness.soft and self.now - group.moved < MADE
+
+    def may_hold(self, group: Group) -> bool:
+        """True if what holds a joint now may have been met by the group's own motion: also if that shows only
+        once nothing lags any more."""
+        least = max(MADE, self.settings.lag + PROGRESS + SHOWS)
+        return not group.softness.soft and self.now - group.moved < least
 
     def rests(self, group: Group) -> bool:
         """True if a group has rested for so long that nothing lags any more."""

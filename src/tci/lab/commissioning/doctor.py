@@ -271,7 +271,10 @@ def _rest(patch: Patch, sensor: Sensor, values: np.ndarray) -> Iterator[Finding]
 def _contact(driver: Driver, seen: Observation) -> Iterator[Finding]:
     """What tells of somebody whom a link without skin meets."""
     settings = driver.gate.settings.contact
-    if settings is None or not seen.readings:
+    if not seen.readings:
+        return
+    if settings is None:
+        yield Finding(Level.OK, "contact", "the process that serves the robot notices whom it meets")
         return
     held = f"a joint is {np.rad2deg(settings.held):.0f} degrees behind its reference"
     torque, out = seen.readings[-1].joints.torque, driver.info.unreached
@@ -281,7 +284,7 @@ def _contact(driver: Driver, seen: Observation) -> Iterator[Finding]:
     if len(silent) == len(servos):
         yield Finding(
             Level.NOTE, "contact", f"no joint torques: a link without skin notices whom it meets once {held}",
-            "make its driver report torques or currents, or keep people away from links without skin",
+            "see docs/reliability.md; currents that are no torques yet: docs/touch-without-skin.md",
         )  # fmt: skip
         return
     if silent:

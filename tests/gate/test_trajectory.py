@@ -70,6 +70,29 @@ def test_halts_and_new_targets_on_straight_ways_keep_the_bounds() -> None:
     assert_within_bounds(np.array(path))
 
 
+TALOS = load_robot("talos")
+
+
+@pytest.mark.parametrize("arm", ["arm_left", "arm_right"])
+@pytest.mark.parametrize("period", [0.002, 0.005, 0.02])
+def test_who_reaches_a_limit_stops_nobody_else(arm: str, period: float) -> None:
+    """A Talos' shoulder that was driven to its limit stood 3e-5 rad before it, and the whole arm with it:
+    each of its steps was refused, since no stop from there was within the limit."""
+    servos = [servo.index for servo in TALOS.servos if servo.name.startswith(arm)]
+    bounds, _ = bounds_of(TALOS, servos, speed_share=0.9)
+    for place, (lower, upper) in enumerate(zip(bounds.lower, bounds.upper, strict=True)):
+        start = (bounds.lower + bounds.upper) / 2.0
+        start[place] = upper - 0.1 * (upper - lower)
+        limiter, speed = OnlineTrajectory(bounds, start, period), 0.1 * bounds.velocity
+        speed[place] = 0.5 * bounds.velocity[place]
+        limiter.drive_at(range(len(servos)), speed)
+        path = np.array([limiter.step() for _ in range(round(0.6 / period))])
+        others = np.arange(len(servos)) != place
+        gone = np.diff(path[round(0.3 / period) :], axis=0) / period
+        assert gone[:, others] == pytest.approx(np.tile(speed[others], (len(gone), 1)), rel=1e-6)
+        assert upper - path[-1, place] < 0.2 * (upper - start[place])
+
+
 def test_a_new_target_after_a_halt_is_approached_on_a_straight_line() -> None:
     bounds, _ = bounds_of(make_robot(coupled=False), [0, 1, 2], speed_share=0.9)
     limiter = OnlineTrajectory(bounds, np.zeros(3), PERIOD)

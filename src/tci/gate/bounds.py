@@ -66,20 +66,20 @@ class Bounds:
         inside: Array = np.where(outside, nearest, position)
         return inside
 
-    def inward(self, position: Array, speed: Array) -> Array:
+    def inward(self, position: Array, speed: Array, period: float) -> Array:
         """Returns the velocity (n,) [rad/s] with which servos return into their limits.
 
         Each servo at a `position` (n,) [rad] outside its limits gets the velocity from which it comes to rest
         just inside the limits, at most `speed` (n,) [rad/s]. All other servos get 0.
         """
         left = self.inside(position) - position
-        most = np.minimum(_stopping_speed(np.abs(left), self.acceleration, self.jerk), speed)
-        inward: Array = np.sign(left) * most
+        most = _stopping_speed(np.abs(left), self.acceleration, self.jerk, period)
+        inward: Array = np.sign(left) * np.minimum(most, speed)
         return inward
 
-    def allowed_velocity(self, position: Array, velocity: Array) -> Array:
+    def allowed_velocity(self, position: Array, velocity: Array, period: float) -> Array:
         """Returns `velocity` (n,) [rad/s], with a reduced value for each servo that could not stop before its
-        limit. The servos are at `position` (n,) [rad].
+        limit. The servos are at `position` (n,) [rad], and the velocity is that of the next `period` [s].
 
         The reduction only makes the approach to a limit smooth. Safety does not depend on it: before each
         step, the gate also checks that the servos can still stop. If the servos would leave the bounds of a
@@ -87,28 +87,30 @@ class Bounds:
         """
         margin = np.minimum(MARGIN, (self.upper - self.lower) / 2)
         room = np.where(velocity > 0.0, self.upper - margin - position, position - self.lower - margin)
-        most = _stopping_speed(np.maximum(room, 0.0), self.acceleration, self.jerk)
+        most = _stopping_speed(np.maximum(room, 0.0), self.acceleration, self.jerk, period)
         velocity = np.clip(velocity, -most, most)
         if not len(self.coupling):
             return velocity
         rate, now = self.coupling @ velocity, self.coupling @ position
         room = np.where(rate > 0.0, self.coupling_upper - MARGIN - now, now - self.coupling_lower - MARGIN)
         size = np.abs(self.coupling)
-        most = _stopping_speed(np.maximum(room, 0.0), size @ self.acceleration, size @ self.jerk)
+        most = _stopping_speed(np.maximum(room, 0.0), size @ self.acceleration, size @ self.jerk, period)
         fast = np.abs(rate) > most
         share = np.min(most[fast] / np.abs(rate[fast]), initial=1.0)
         slow = (size[fast] > 0.0).any(axis=0)
         return np.where(slow, share * velocity, velocity)
 
 
-def _stopping_speed(room: Array, acceleration: Array, jerk: Array) -> Array:
+def _stopping_speed(room: Array, acceleration: Array, jerk: Array, period: float) -> Array:
     """Returns the speed (n,) [rad/s] from which a servo can stop within the distance `room` (n,) [rad], with
     a reserve.
 
     At speed v, a stop with the largest deceleration a and the jerk j needs the distance v^2 / 2a + v a / 2j.
+    Before it the servo goes on for two periods, the one that is planned and the next, and for the time a / j
+    in which the acceleration ends with which it may have come to v.
     """
     a, j = APPROACH * acceleration, APPROACH * jerk
-    lost = a * a / (2.0 * j)
+    lost = a * (1.5 * a / j + 2.0 * period)
     speed: Array = np.sqrt(lost * lost + 2.0 * a * room) - lost
     return speed
 

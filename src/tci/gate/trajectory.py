@@ -56,7 +56,7 @@ class OnlineTrajectory:
         refuses a planned stop, the servos stop as if `halt` was called, and `ended` contains the reason.
         """
         count = len(position)
-        self.bounds = bounds
+        self.bounds, self._period = bounds, period
         self._guard = guard
         self.ended: Reason | None
         """Reason for which the function `guard` ended the motion in the latest step; None if `guard` did not
@@ -110,7 +110,7 @@ class OnlineTrajectory:
         command. A velocity from which the servos could not stop within their bounds is reduced; they start at
         rest if the stop is refused even so."""
         fastest = np.clip(velocity, -self.bounds.velocity, self.bounds.velocity)
-        allowed = self.bounds.allowed_velocity(self.position, fastest)
+        allowed = self.bounds.allowed_velocity(self.position, fastest, self._period)
         state = np.array([self.position, allowed, np.zeros(len(allowed))])
         if not self._stopper.plan(state, self.position) or self._guard(self._stopper.planned):
             return
@@ -284,7 +284,7 @@ class OnlineTrajectory:
     def _back(self) -> Array:
         """Returns the velocity (n,) [rad/s] with which servos outside their limits move inward; 0 for all
         other servos."""
-        return self.bounds.inward(self.position, self._creeping)
+        return self.bounds.inward(self.position, self._creeping, self._period)
 
     def _set_velocities(self, back: Array | None, *, inward: bool) -> None:
         """Sets the target velocities of driven servos.
@@ -294,7 +294,7 @@ class OnlineTrajectory:
                 inside its limits. None if all servos are inside.
             inward: True: driven servos outside their limits move inward at `back`. False: they stop.
         """
-        allowed = self.bounds.allowed_velocity(self.position, np.nan_to_num(self.drive))
+        allowed = self.bounds.allowed_velocity(self.position, np.nan_to_num(self.drive), self._period)
         if back is not None:
             allowed = np.where(self._driven & (back != 0.0), back if inward else 0.0, allowed)
         self._driving = bool(allowed.any())

@@ -16,6 +16,7 @@ from tci.gate.contact.easing import Easing
 from tci.gate.contact.felt import Felt
 from tci.gate.contact.group import Group, make_groups
 from tci.gate.contact.noticing import Seen
+from tci.gate.contact.own_weight import OwnWeight
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.contact.weights import Sags
 from tci.gate.gate import Gate, GateSettings, GateState
@@ -28,7 +29,6 @@ from tci.reasons import Code, Reason
 from tci.robot.catalogue import load_robot
 from tci.robot.gravity import Gravity
 from tci.robot.joint_map import initial_position
-from tci.robot.own_weight import OwnWeight
 
 ANSWERS = GateSettings(contact=ContactSettings())
 ROBOT = load_robot("icub")

@@ -161,9 +161,9 @@ class Robot:
     STRUCT = 1004
     """Size [bytes] of the vendor's struct of a command."""
 
-    def __init__(self, slots: list[int], limits: list[Any], heaviest: list[float]) -> None:
-        """`heaviest` [N m] is what gravity asks of each motor at most."""
-        self.heaviest = np.array([most for slot, most in zip(slots, heaviest, strict=True) if slot >= 12])
+    def __init__(self, slots: list[int], limits: list[Any], asked: list[float]) -> None:
+        """`asked` [N m] is what weight and motion ask of each motor at most."""
+        self.asked = np.array([most for slot, most in zip(slots, asked, strict=True) if slot >= 12])
         self.slots = [slot for slot in slots if slot >= 12]
         mine = [limit for slot, limit in zip(slots, limits, strict=True) if slot >= 12]
         self.lower, self.upper, self.speed, self.jerk, self.torque = (
@@ -196,7 +196,7 @@ class Robot:
             "jump": (near > self.speed * PERIOD * (1.0 + ROUNDING) + close) & ~loose,
             "speed": np.abs(dq) > self.speed * (1.0 + ROUNDING),
             "torque": np.abs(tau) > self.torque * (1.0 + ROUNDING),
-            "torque beside stiffness": (np.abs(tau) > self.heaviest + 1e-3) & ~loose,
+            "torque beside stiffness": (np.abs(tau) > self.asked + 1e-3) & ~loose,
             "gains": ~((kp >= 0.0) & (kp <= GAINS[0]) & (kd >= 0.0) & (kd <= GAINS[1])),
         }
         self.faults += [
@@ -238,8 +238,8 @@ class _Attack(Attack):
         theirs.setblocking(False)
         orders = Orders("lo", 0, "rt/arm_sdk", whole=False, simulation=False, period=PERIOD, socket=0)
         self.keeper = Keeper(orders, self.wire, theirs)
-        heaviest = [_heaviest(robot)[servo.joint or servo.name] for servo in robot.servos]
-        self.end = Robot(self.slots.tolist(), [servo.limits for servo in robot.servos], heaviest)
+        asked = [_asked(robot)[servo.joint or servo.name] for servo in robot.servos]
+        self.end = Robot(self.slots.tolist(), [servo.limits for servo in robot.servos], asked)
         self.messages, self.refused, self.time = 0, 0, 0.0
         self.socket.send(TAKES.pack(ASK, *self.set_points.holds(self._true).tolist()))
         while self.keeper.handover.phase is not Phase.LEADING:
@@ -279,14 +279,23 @@ class _Attack(Attack):
 
 
 @cache
-def _heaviest(robot: Description) -> dict[str, float]:
-    """What gravity asks of each joint at most [N m], of 3000 postures of the model as it is, and a tenth."""
+def _asked(robot: Description) -> dict[str, float]:
+    """What weight, speeds and accelerations within the limits ask of each joint at most [N m], in 3000
+    postures of the model as it is, and a tenth more."""
     model, random = solid_spec(robot).compile(), np.random.default_rng(0)
-    data, most = mujoco.MjData(model), np.zeros(model.nv)
+    data, most, inertia = mujoco.MjData(model), np.zeros(model.nv), np.zeros((model.nv, model.nv))
+    limits = {servo.joint: servo.limits for servo in robot.servos}
+    own = [limits.get(model.joint(joint).name) for joint in range(model.njnt)]
+    fastest, rise = (
+        np.array([getattr(one, name, None) or 0.0 for one in own]) for name in ("velocity", "acceleration")
+    )
     for _ in range(3000):
         data.qpos[:] = random.uniform(*model.jnt_range.T)
+        data.qvel[:] = fastest * random.choice([-1.0, 0.0, 1.0], model.nv)
         mujoco.mj_forward(model, data)
-        most = np.maximum(most, np.abs(data.qfrc_bias))
+        mujoco.mj_fullM(model, data, inertia)
+        rates = rise * random.choice([-1.0, 0.0, 1.0], model.nv)
+        most = np.maximum(most, np.abs(data.qfrc_bias + inertia @ rates))
     return {model.joint(joint).name: 1.1 * most[model.joint(joint).dofadr[0]] for joint in range(model.njnt)}
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from tci.errors import DescriptionError, UnknownNameError
 from tci.gate.contact.following import FAST
+from tci.gate.contact.own_weight import OwnWeight
 from tci.gate.contact.trust import Trust
 from tci.gate.contact.weights import FRICTION, WRONG, longest_levers
 from tci.gate.joint_monitor import Reference
@@ -26,7 +27,6 @@ from tci.robot.clearance import without_skin
 from tci.robot.description import Robot
 from tci.robot.dynamics import Dynamics, inertia_range
 from tci.robot.joint_calibration import JointCalibration, Tool
-from tci.robot.own_weight import OwnWeight
 
 BARE = 30.0
 """Force [N] at the end of the arm that counts, without skin."""

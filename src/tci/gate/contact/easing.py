@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from tci.gate.contact.group import Group
 from tci.gate.contact.noticing import Seen
+from tci.gate.contact.own_weight import OwnWeight
 from tci.gate.contact.weights import FRICTION, MOST, SOFT, bends
 from tci.messages import Contact
 from tci.messages.frames import Array
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 from tci.robot.joint_calibration import Tool
-from tci.robot.own_weight import OwnWeight
 
 LEAST = 0.1
 """Share of the stiffness that is left at least: dry friction holds a joint with half of it."""

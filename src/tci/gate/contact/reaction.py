@@ -24,6 +24,7 @@ from tci.gate.contact.following import CLEAR
 from tci.gate.contact.group import MOVES, Group, Way, make_groups
 from tci.gate.contact.noticing import Seen, bounds
 from tci.gate.contact.onset import meet
+from tci.gate.contact.own_weight import OwnWeight
 from tci.gate.contact.scene import Scene
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.contact.softness import LIGHT
@@ -46,7 +47,6 @@ from tci.messages.frames import Array
 from tci.reasons import Reason
 from tci.robot.description import Robot
 from tci.robot.joint_calibration import Tool
-from tci.robot.own_weight import OwnWeight
 
 FREES = float(np.deg2rad(10.0))
 """Speed [rad/s] with which `free` moves: slow enough to be stopped by hand."""

@@ -11,6 +11,7 @@ from tci.gate.contact.following import PROGRESS, Following
 from tci.gate.contact.group import Group
 from tci.gate.contact.noticing import Seen
 from tci.gate.contact.overloads import Overloads
+from tci.gate.contact.own_weight import OwnWeight
 from tci.gate.contact.places import Places
 from tci.gate.contact.settings import ContactSettings
 from tci.gate.contact.softness import LIGHT
@@ -18,7 +19,6 @@ from tci.gate.contact.things import Things
 from tci.messages import Contact
 from tci.messages.frames import Array
 from tci.robot.description import Patch, Robot
-from tci.robot.own_weight import OwnWeight
 
 MADE = 0.3
 """Time [s] after its reference moved last within which a part may have made a contact."""

@@ -113,7 +113,7 @@ class Handover:
         self._goal["holds"] = targets["holds"]
         self._goal["dq"][~chosen] = self._goal["tau"][~chosen] = 0.0
         self._goal[chosen] = targets[chosen]
-        self._pushed = chosen & (targets["tau"] != 0.0)
+        self._pushed = chosen & (targets["kp"] == 0.0)
         self._told = now
 
     def give(self) -> None:

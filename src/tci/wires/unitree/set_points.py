@@ -2,36 +2,45 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.errors import DescriptionError, UnknownNameError
 from tci.gate.safe_command import SafeCommand
 from tci.messages import JointReading, Mode
 from tci.messages.frames import Array
 from tci.robot.description import Robot
-from tci.robot.own_weight import OwnWeight
+from tci.robot.dynamics import UPRIGHT, Dynamics
+from tci.robot.joint_calibration import JointCalibration
 from tci.wires.unitree.handover import holding
 from tci.wires.unitree.motors import GAINS, MOTORS, TARGET, UPPER, gains
 
 LEANS = 0.5
 """Time [s] over which the pelvis's accelerometer tells where down is: steps and shakes are shorter."""
+APART = 0.05
+"""Longest time [s] between two commands that tell an acceleration."""
 
 
 class SetPoints:
-    """Converts commands for servos to targets of motors. Stores the last commanded stiffness and damping, and
-    where down is."""
+    """Converts commands for servos to targets of motors. Stores the last commanded stiffness and damping, the
+    last speeds, and where down is."""
 
     def __init__(self, robot: Robot, slots: NDArray[np.intp], *, whole: bool) -> None:
         """Stores the slot (n_servos,) of each servo's motor, -1 for fingers. If `whole` is True, uses the
         gains for rt/lowcmd, otherwise the gains for rt/arm_sdk."""
         self._slots, self._gains = slots, gains(whole=whole)
         self._share = np.ones(MOTORS, GAINS)
-        self._weight = OwnWeight(robot)
+        self._dynamics: Dynamics | None = None
+        with suppress(DescriptionError, UnknownNameError):  # without masses
+            self._dynamics = Dynamics(robot, JointCalibration(robot=robot.name))
         self._most = np.array([servo.limits.torque or 0.0 for servo in robot.servos])
+        self._rise = np.array([servo.limits.acceleration or 0.0 for servo in robot.servos])
         self._upper = np.isin(slots, UPPER)  # what legs bear, the ground tells
-        self._holds = np.zeros(MOTORS)
-        self._down: Array | None = None
-        self._stamp = -np.inf
+        self._holds, self._moves = np.zeros((2, len(slots)))
+        self._velocity, self._sent = np.zeros(len(slots)), -np.inf
+        self._down, self._stamp = UPRIGHT.copy(), -np.inf
 
     def of(self, safe: SafeCommand, joints: JointReading) -> tuple[NDArray[np.bool_], NDArray[np.void]]:
         """A mask (29,) of the motors under command, and the `TARGET`s (29,) of these motors. `joints` is the
@@ -51,9 +60,17 @@ class SetPoints:
                     self._share[gain][self._slots[servo]] = share
             targets[gain][slots] = (self._gains[gain] * self._share[gain])[slots]
             targets[gain][loose] = 0.0
-        position = joints.position.copy()
-        position[safe.servos[~push]] = safe.position[~push]
-        targets["holds"] = self.holds(joints, position)
+        stiff = safe.servos[~push]
+        position, velocity = joints.position.copy(), np.zeros(len(self._slots))
+        position[stiff], velocity[stiff] = safe.position[~push], safe.velocity[~push]
+        passed, before = safe.stamp - self._sent, self._velocity
+        self._velocity, self._sent = velocity, safe.stamp
+        rate = (velocity - before) / passed if 0.0 < passed < APART else np.zeros(len(velocity))
+        self._look(joints)
+        self._bear(position, velocity, np.clip(rate, -self._rise, self._rise))
+        targets["holds"] = self._of_motors(self._holds)
+        led = slots[~push[own]]
+        targets["tau"][led] = self._of_motors(self._moves)[led]
         targets["holds"][loose] = 0.0
         return chosen, targets
 
@@ -62,16 +79,30 @@ class SetPoints:
         [rad]. `joints` is the latest reading."""
         return np.ones(MOTORS, dtype=bool), holding(posture, self._gains, self.holds(joints))
 
-    def holds(self, joints: JointReading, position: Array | None = None) -> Array:
-        """Torques (29,) [N m] with which motors of waist and arms hold their links at `position` (n_servos,)
-        [rad], by default where they are; 0 without masses, and as before if an angle is not finite."""
+    def holds(self, joints: JointReading) -> Array:
+        """Torques (29,) [N m] with which motors of waist and arms hold their links where they are."""
+        self._look(joints)
+        still = np.zeros(len(self._slots))
+        self._bear(joints.position, still, still)
+        return self._of_motors(self._holds)
+
+    def _look(self, joints: JointReading) -> None:
         if joints.gravity is not None and joints.stamp > self._stamp:
             share = min((joints.stamp - self._stamp) / LEANS, 1.0)
-            down = joints.gravity / np.linalg.norm(joints.gravity)
-            self._down = down if self._down is None else self._down + share * (down - self._down)
+            self._down += share * (joints.gravity - self._down)
             self._stamp = joints.stamp
-        position = joints.position if position is None else position
-        if np.isfinite(position).all():
-            torque = self._weight.torques(position, self._down)
-            self._holds[self._slots[self._upper]] = np.clip(torque, -self._most, self._most)[self._upper]
-        return self._holds.copy()
+
+    def _bear(self, position: Array, velocity: Array, rate: Array) -> None:
+        """Notes what links ask of motors at rest, and in addition while they move with `velocity` [rad/s] and
+        `rate` [rad/s2]: 0 without masses, and as before if an angle is not finite."""
+        if self._dynamics is None or not np.isfinite(position).all():
+            return
+        _, weight = self._dynamics.at(position, np.zeros(len(velocity)), self._down)
+        inertia, bias = self._dynamics.at(position, velocity, self._down)
+        self._holds = np.clip(weight, -self._most, self._most)
+        self._moves = np.clip(bias + inertia @ rate, -self._most, self._most) - self._holds
+
+    def _of_motors(self, torque: Array) -> Array:
+        found = np.zeros(MOTORS)
+        found[self._slots[self._upper]] = torque[self._upper]
+        return found

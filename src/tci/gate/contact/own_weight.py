@@ -12,8 +12,7 @@ from tci.robot.kinematics import KinematicChain
 
 
 class OwnWeight:
-    """Knows a robot's masses. Its root stays upright while a torso leans, unless `torques` says how it
-    hangs."""
+    """Knows a robot's masses. Its root stays upright while a torso leans."""
 
     def __init__(self, robot: Robot) -> None:
         self._gravity: Gravity | None = None
@@ -29,13 +28,11 @@ class OwnWeight:
         """Whether the model has masses."""
         return self._gravity is not None
 
-    def torques(self, position: Array, down: Array | None = None) -> Array:
-        """Torques (n_servos,) [N m] that hold `position` (n_servos,) [rad] while gravity pulls to `down` (3,)
-        in the frame of the root; zeros without masses."""
+    def torques(self, position: Array) -> Array:
+        """Torques (n_servos,) [N m] that hold `position` (n_servos,) [rad]; zeros without masses."""
         if self._gravity is None:
             return np.zeros(len(position))
-        down = self._down if down is None else down
-        return self._gravity.torques(position, down=self._turn(position) @ down)
+        return self._gravity.torques(position, down=self._turn(position) @ self._down)
 
     def _turn(self, position: Array) -> Array:
         """Rotation (3, 3) of the root in the torso frame."""

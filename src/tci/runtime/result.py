@@ -25,7 +25,8 @@ Assumed: users do not read longer lists."""
 MOSTLY = 0.95
 """Share of a run from which on nothing is said of torques."""
 ELSE = "else only skin did, and joints that stayed behind; why: tci doctor"
-MET = "a part met something; see what is in its way, then order the motion again"
+AGAIN = "see what is in its way, then order the motion again"
+MET = f"a part met something; {AGAIN}"
 """Last words of a run in which a part answered contact. The robot did what it should: no failure."""
 
 Memory = TypeVar("Memory")

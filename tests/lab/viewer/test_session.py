@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from tci.errors import CommandError
 from tci.gate.gate import GateState
 from tci.lab.viewer.app import Viewer
 from tci.lab.viewer.session import Session
+from tci.reasons import Code, Reason
+from tci.runtime.moment import Tick
 from tci.skin.skin import Skin
 
 PATIENCE = 60.0
@@ -205,3 +208,14 @@ def test_a_finger_needs_a_simulation() -> None:
     with pytest.raises(CommandError, match="not simulated"):
         session.poke(place, force=1.0, speed=0.1)
     session.close()
+
+
+def test_the_page_says_that_a_part_met_something() -> None:
+    ticks = list[Tick]()
+    with tci.connect("nao", "sim") as driver:
+        tci.run(driver, tci.WithdrawalReflex(), duration=0.01, observe=ticks.append)
+        session = Session(driver, tci.WithdrawalReflex(), about={})
+        met = Reason(Code.CONTACT, "left_arm met something: 40 N on its skin; it goes back")
+        session._see(replace(ticks[-1], sent=replace(ticks[-1].sent, clamped=(met,))))
+        assert f"{met}; see what is in its way" in words(session)
+        session.close()

@@ -32,11 +32,12 @@ from tci.lab.viewer.steered import Steered
 from tci.lab.viewer.touching import Touching
 from tci.lab.viewer.view import History, View
 from tci.messages import GenericCommand, Mode, Order, SwitchMode
-from tci.reasons import Reason, text_of
+from tci.reasons import Code, Reason, text_of
 from tci.recording.recorder import Recorder
 from tci.runtime.control import Control
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
+from tci.runtime.result import AGAIN
 from tci.simulation.finger import STIFFNESS
 
 FRESH = 0.01
@@ -326,6 +327,9 @@ class Session:
         for refusal in sent.refusals:
             if not sent.reason:
                 self.say(f"refused: {refusal}")
+        for clamp in sent.clamped:
+            if clamp.code is Code.CONTACT:
+                self.say(f"{clamp}; {AGAIN}")
         self._rehearse(tick)
         self._tell_moves(tick)
         changed, self._state = state != self._state, state

@@ -28,7 +28,7 @@ from tci.testing import TouchedRobot
 
 @pytest.mark.parametrize(
     ("name", "seed", "other"),
-    [("nao", 3, "icub"), ("icub", 2, "nao"), ("g1", 2, "talos"), ("franka", 11, "nao")],
+    [("nao", 5, "icub"), ("icub", 2, "nao"), ("g1", 2, "talos"), ("franka", 11, "nao")],
 )
 def test_a_guided_arm_goes_along_lightly_and_repeats_it(name: str, seed: int, other: str) -> None:
     seen = guide(name, seed)

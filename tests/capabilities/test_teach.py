@@ -205,22 +205,6 @@ def test_a_lesson_is_repeated_corrected_and_corrections_are_taken_back() -> None
     assert scene.memory.motion.corrections == ()
 
 
-def test_a_patted_arm_goes_back_once_the_hand_is_gone() -> None:
-    """It came back into the next blow, with up to 36 mm/s."""
-    scene = Scene("g1", tci.Teach())
-    before = scene.body.robot.part("left_arm").initial_posture
-    for _ in range(4):
-        scene.touch("left_forearm", 0.1, force=6.0)
-        scene.touch(None, 0.1)
-        pushed = scene.posture["left_arm"]
-        scene.touch(None, 0.2)
-        np.testing.assert_array_equal(scene.posture["left_arm"], pushed)
-    assert np.abs(pushed - before).max() > 0.05
-    scene.touch(None, 2.5)
-    np.testing.assert_allclose(scene.posture["left_arm"], before, atol=0.01)
-    assert scene.capability.claims(scene.memory) == set()
-
-
 def test_an_arm_that_met_somebody_while_it_plays_waits_for_a_tap() -> None:
     """It went on into the same person as soon as the gate let it, until the third time stopped the robot."""
     scene = Scene("g1", tci.Teach())

@@ -51,8 +51,6 @@ EASE = 0.15
 FREE = 1.0
 """Time [s] without touch after which a limb that was pressed too hard is its own again: a withdrawal has come
 to its end."""
-BACK = 2.0
-"""Time [s] after the last tap until a limb that it pushed is back, or stays where something keeps it."""
 FOLLOWS = float(np.deg2rad(0.5))
 """Angle [rad] by which a soft limb was led when its target goes along."""
 
@@ -216,7 +214,7 @@ class Teach(Capability[Taught]):
         """A limb's orders."""
         here, motion = perception.posture[name], memory.motion
         plays = memory.phase is not Doing.WAITS and motion is not None and name in motion.parts
-        ours = plays or limb.touch.expected or name in memory.lesson.taught or _goes_back(limb, here, memory)
+        ours = plays or limb.touch.touched or limb.touch.taps > 0 or name in memory.lesson.taught
         if limb.let_go or not (ours or limb.yields):
             return (), replace(limb, rest=None, rates=read_only(np.zeros(here.size)))
         rest = limb.rest
@@ -226,9 +224,7 @@ class Teach(Capability[Taught]):
             rest = here if limb.touch.held and not limb.soft else rest
         elif limb.touch.held and limb.rates.any() and not limb.soft:
             rest = here  # it comes to rest
-        # not back into a hand that taps again
-        target = here if limb.touch.expected and not limb.touch.held and not limb.soft else rest
-        rates, speed = np.zeros(here.size), SLOWLY
+        target, rates, speed = rest, np.zeros(here.size), SLOWLY
         if plays and motion is not None:
             target, speed = motion.at(memory.played)[name], FASTEST
             if memory.phase is Doing.GOES:
@@ -325,7 +321,7 @@ def _play(memory: Taught, before: Mapping[str, Limb], perception: Perception, el
         said = f"{words}gave way to somebody in the way; tap again to repeat the motion"
         return replace(memory, phase=Doing.WAITS, said=(*memory.said, said))
     if _stands(memory):
-        held = ", ".join(part for part, limb in own.items() if limb.touch.expected)
+        held = ", ".join(part for part, limb in own.items() if limb.touched)
         return replace(
             memory, since=now, said=(*memory.said, f"{words}waits, since {held} is held; let go, it goes on")
         )
@@ -347,16 +343,9 @@ def _play(memory: Taught, before: Mapping[str, Limb], perception: Perception, el
 
 
 def _stands(memory: Taught) -> bool:
-    """True while somebody touches what moves, or may tap it again."""
+    """True while somebody touches what moves."""
     motion = memory.motion
-    return motion is not None and any(memory.limbs[part].touch.expected for part in motion.parts)
-
-
-def _goes_back(limb: Limb, here: Array, memory: Taught) -> bool:
-    """True while a limb is on its way back from where taps pushed it."""
-    if limb.rest is None or limb.soft or memory.stamp - limb.touch.felt > BACK:
-        return False
-    return bool(np.abs(limb.rest - here).max() > FOLLOWS)
+    return motion is not None and any(memory.limbs[part].touch.touched for part in motion.parts)
 
 
 def _pace(memory: Taught) -> float:

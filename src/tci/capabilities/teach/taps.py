@@ -53,11 +53,6 @@ class Touching:
     def touched(self) -> bool:
         return self.onset is not None
 
-    @property
-    def expected(self) -> bool:
-        """Whether a hand is there, or more of its taps may come."""
-        return self.touched or self.taps > 0
-
     def over(self, now: float) -> int:
         """Number of taps of a series that is over in the step at `now` [s]; 0 if none is."""
         return self.taps if self.onset is None and now - self.felt > SERIES else 0

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tci.messages import JointReading
+from tci.robot.catalogue import load_robot
+from tci.robot.joint_map import initial_position
+from tci.wires.unitree.driver import slots_of
 from tci.wires.unitree.handover import DAMPED, GIVE, QUIET, TAKE, Handover, Phase, holding
 from tci.wires.unitree.motors import ARM_GAINS, MOTORS, TARGET, gains
+from tci.wires.unitree.set_points import SetPoints
 
 PERIOD = 0.004
 HERE = np.linspace(-1.0, 1.0, MOTORS)
@@ -143,6 +150,18 @@ def test_what_holds_the_weight_comes_with_the_stiffness_and_goes_with_it(whole: 
     assert (handover.step(now + QUIET + PERIOD)["tau"] == 2.0).all(), "while nobody tells, too"
     handover.give()
     assert (handover.step(now + QUIET + 2.0 * PERIOD)["tau"] == (0.0 if whole else 2.0)).all()
+
+
+@pytest.mark.parametrize("measured", [[0.0, 0.0, -1000.0], [0.0, 0.0, -1.0], [np.nan] * 3, [0.0, 0.0, 0.0]])
+def test_an_accelerometer_that_is_wrong_multiplies_no_torque(measured: list[float]) -> None:
+    robot = load_robot("g1")
+    upright = JointReading(1.0, 0, np.array(initial_position(robot)), np.zeros(len(robot.servos)))
+    found = [
+        SetPoints(robot, slots_of(robot), whole=False).holds(replace(upright, gravity=gravity))
+        for gravity in (np.array(measured), None)
+    ]
+    assert found[0] == pytest.approx(found[1], abs=1e-6)
+    assert np.abs(found[1]).max() > 1.0, "arms weigh something"
 
 
 def test_a_motor_under_torque_that_is_left_stays_where_it_is() -> None:

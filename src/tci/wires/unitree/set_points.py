@@ -13,6 +13,7 @@ from tci.messages import JointReading, Mode
 from tci.messages.frames import Array
 from tci.robot.description import Robot
 from tci.robot.dynamics import UPRIGHT, Dynamics
+from tci.robot.gravity import STANDARD_GRAVITY
 from tci.robot.joint_calibration import JointCalibration
 from tci.wires.unitree.handover import holding
 from tci.wires.unitree.motors import GAINS, MOTORS, TARGET, UPPER, gains
@@ -87,9 +88,14 @@ class SetPoints:
         return self._of_motors(self._holds)
 
     def _look(self, joints: JointReading) -> None:
-        if joints.gravity is not None and joints.stamp > self._stamp:
+        """Notes where down is. How much is measured doesn't count: an accelerometer that is wrong, or a jump,
+        must not multiply torques."""
+        if joints.gravity is None or joints.stamp <= self._stamp:
+            return
+        size = float(np.linalg.norm(joints.gravity))
+        if 0.0 < size < np.inf:
             share = min((joints.stamp - self._stamp) / LEANS, 1.0)
-            self._down += share * (joints.gravity - self._down)
+            self._down += share * (joints.gravity * (STANDARD_GRAVITY / size) - self._down)
             self._stamp = joints.stamp
 
     def _bear(self, position: Array, velocity: Array, rate: Array) -> None:

@@ -43,7 +43,7 @@ def told(torque: float, *, speed: float = 0.3, steady: bool = True, stands: bool
         angles, torques = np.zeros(len(names)), np.zeros(len(names))
         angles[own] = speed * (now if steady else np.sin(5.0 * now) / 5.0)
         torques[own] = torque if now > 0.6 else 0.0
-        asked = Reference(own, (Mode.POSITION,), angles[own], np.array([rate]))
+        asked = Reference(own, (Mode.POSITION,), angles[own], np.array([rate]), np.zeros(1))
         seen = replace(reading(angles, now), torque=read_only(torques))
         found += [why.text for why in meets.step(seen, asked, now, None)[1]]
     return found
@@ -93,7 +93,7 @@ def told_at_rest(
         torques[own] = (torque if lasts[0] < now < lasts[1] else 0.0) + weight * Gravity(robot).torques(
             angles
         )[own]
-        asked = Reference(np.array([own]), (Mode.POSITION,), angles[[own]], np.array([rate]))
+        asked = Reference(np.array([own]), (Mode.POSITION,), angles[[own]], np.array([rate]), np.zeros(1))
         seen = replace(reading(angles, now - late), torque=read_only(torques))
         found += [why.text for why in meets.step(seen, asked, now, None)[1]]
     return found
@@ -134,7 +134,7 @@ def test_only_a_part_that_gives_way_unloads_its_joints(answer: OnContact, goes: 
         angle, rate = 0.3 * min(now, 0.63), 0.3 * (now < 0.63)
         angles, torques = np.zeros(len(names)), np.zeros(len(names))
         angles[own], torques[own] = angle - 0.005, 30.0 if 0.6 < now < 0.65 else 8.0 if now > 0.65 else 0.0
-        asked = Reference(np.array([own]), (Mode.POSITION,), np.array([angle]), np.array([rate]))
+        asked = Reference(np.array([own]), (Mode.POSITION,), np.array([angle]), np.array([rate]), np.zeros(1))
         seen = replace(reading(angles, now), torque=read_only(torques))
         ways += len(meets.step(seen, asked, now, None)[0])
     assert ways == goes
@@ -150,7 +150,7 @@ def test_a_way_back_ends_before_a_joint_began_to_bear_more_however_slowly_that_g
         now = step * PERIOD
         angles, torques = np.zeros(len(names)), np.zeros(len(names))
         angles[own], torques[own] = now, np.clip((now - 0.6) * 150.0, 0.0, 30.0)
-        asked = Reference(np.array([own]), (Mode.POSITION,), angles[[own]], np.array([1.0]))
+        asked = Reference(np.array([own]), (Mode.POSITION,), angles[[own]], np.array([1.0]), np.zeros(1))
         seen = replace(reading(angles, now), torque=read_only(torques))
         ways = meets.step(seen, asked, now, None)[0]
         if ways:
@@ -172,7 +172,7 @@ def next_way(torque: float, *, swings: float = 0.0) -> float | None:
         now, there = step * PERIOD, goal < np.inf and abs(angle - goal) < 1e-9
         angles, torques = np.zeros(len(names)), np.zeros(len(names))
         angles[own], torques[own] = angle, torque if there else 30.0 if now > 0.6 else 0.0
-        asked = Reference(np.array([own]), (Mode.POSITION,), angles[[own]], np.array([rate]))
+        asked = Reference(np.array([own]), (Mode.POSITION,), angles[[own]], np.array([rate]), np.zeros(1))
         speeds = np.where(np.arange(len(names)) == own, swings if there else rate, 0.0)
         seen = replace(reading(angles, now), torque=read_only(torques), velocity=read_only(speeds))
         for way in meets.step(seen, asked, now, None)[0]:

@@ -110,7 +110,7 @@ def test_a_joint_that_a_weight_bends_hides_no_other_that_is_held(monkeypatch: py
     for step in range(60):
         now, rates = step * PERIOD, np.array([0.0, 0.0, 0.3, 0.0, 0.0, 0.0])
         angles = rates * max(now - ContactSettings().lag, 0.0) - np.deg2rad([0.0, 2.9, 2.2, 0.0, 0.0, 0.0])
-        asked = Reference(own, (Mode.POSITION,) * 6, now * rates, rates)
+        asked = Reference(own, (Mode.POSITION,) * 6, now * rates, rates, np.zeros(6))
         told += meets.step(reading(angles, now), asked, now, None)[1]
     assert "joint2 is held 2.2 degrees behind" in told[0].text
 

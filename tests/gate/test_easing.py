@@ -159,7 +159,7 @@ def bears(group: Group, position: Array, torque: Array, now: float, *, ahead: fl
     whole[group.servos] = torque
     joints = replace(reading(position, now), torque=read_only(whole))
     here, modes = position[group.servos], (Mode.POSITION,) * len(nothing)
-    asked = Reference(group.servos, modes, here + np.deg2rad(1.0) * (ahead > 0.0), nothing + ahead)
+    asked = Reference(group.servos, modes, here + np.deg2rad(1.0) * (ahead > 0.0), nothing + ahead, nothing)
     own = np.ones(len(nothing), bool)
     return Seen(
         joints, asked, group.servos, here, pull=nothing, own=own, errors=nothing, bounds=nothing,

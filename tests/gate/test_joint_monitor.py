@@ -43,7 +43,7 @@ def readings(measured: Positions, *, duration: float = 2.0) -> Iterator[JointRea
 
 def reference(told: Positions, time: float, mode: Mode = Mode.POSITION) -> Reference:
     velocity = (told(time + 1e-6) - told(time - 1e-6)) / 2e-6
-    return Reference(SERVOS, (mode,) * 5, told(time)[:5], velocity[:5])
+    return Reference(SERVOS, (mode,) * 5, told(time)[:5], velocity[:5], np.zeros(5))
 
 
 def first_fault(
@@ -177,7 +177,7 @@ def test_a_struck_joint_goes_as_fast_as_one_of_its_speeds_says(speed: float, jum
         position=read_only(first.position + np.deg2rad([0.0, 0.0, 0.0, 0.0, 0.0, 9.2])),
         velocity=read_only(np.deg2rad([13.0, 13.0, 13.0, 13.0, 13.0, speed])),
     )
-    none = Reference(SERVOS[:0], (), np.zeros(0), np.zeros(0))
+    none = Reference(SERVOS[:0], (), *np.zeros((3, 0)))
     assert monitor.step(before, none) is None
     found = monitor.step(struck, none)
     assert (found is not None and found.code is Code.ENCODER_JUMPED) is jumps
@@ -194,7 +194,7 @@ def test_a_joint_that_somebody_bent_springs_back_as_fast_as_it_likes(
     k, period, found = len(servos), 0.04, []
     for index, angle in enumerate(np.deg2rad([0.0, 2.0, 5.0, 9.0, 14.0, 14.0, back])):
         joints = JointReading(period * index, index, np.full(6, angle), np.zeros(6))
-        told = Reference(servos, (Mode.POSITION,) * k, np.full(k, angle), np.zeros(k))
+        told = Reference(servos, (Mode.POSITION,) * k, np.full(k, angle), *np.zeros((2, k)))
         found.append(monitor.step(joints, told))
     assert not any(found[:-1])
     assert (found[-1] is not None and found[-1].code is Code.ENCODER_JUMPED) is (jumps or commanded)
@@ -204,7 +204,7 @@ def test_a_joint_that_somebody_bent_springs_back_as_fast_as_it_likes(
 def test_a_velocity_that_is_derived_from_the_encoder_does_not_explain_its_jump(gap: float) -> None:
     """Far beyond what a blow does: by 90 and 170 degrees, with velocities over the gap or the last 5 ms."""
     first, second = list(readings(still))[:2]
-    none = Reference(SERVOS[:0], (), np.zeros(0), np.zeros(0))
+    none = Reference(SERVOS[:0], (), *np.zeros((3, 0)))
     for jump in np.deg2rad([90.0, -170.0]):
         for over in (gap, 0.005):
             monitor, own = JointMonitor(ROBOT), np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
@@ -275,7 +275,7 @@ def test_a_servo_without_a_limit_of_speed_may_be_as_fast_as_it_likes() -> None:
     monitor = JointMonitor(make_robot(limits=limits))
     far = replace(next(readings(still)), stamp=PERIOD, sequence=1, position=read_only(np.ones(6)))
     for joints in (next(readings(still)), far):
-        assert monitor.step(joints, Reference(SERVOS[:0], (), np.zeros(0), np.zeros(0))) is None
+        assert monitor.step(joints, Reference(SERVOS[:0], (), *np.zeros((3, 0)))) is None
 
 
 def test_22_a_servo_that_is_off_is_told_at_once() -> None:
@@ -366,7 +366,7 @@ def test_reset_forgets() -> None:
     jumped = replace(second, position=read_only(np.ones(6)))
     assert monitor.step(first, reference(still, 0.0)) is None
     monitor.reset()
-    assert monitor.step(jumped, Reference(SERVOS[:0], (), np.zeros(0), np.zeros(0))) is None
+    assert monitor.step(jumped, Reference(SERVOS[:0], (), *np.zeros((3, 0)))) is None
 
 
 @given(lag=st.floats(0.0, 0.08), noise=st.floats(0.0, 2e-3), seed=st.integers(0, 1000))

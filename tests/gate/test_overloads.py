@@ -31,7 +31,7 @@ def _swung(acceleration: float) -> tuple[Overloads, Array]:
     for now in times.tolist():
         position = np.full(2, RAISED + 0.5 * acceleration * now**2)
         speed = np.full(2, acceleration * now)
-        found.remember(Reference(SHOULDERS, (Mode.POSITION,) * 2, position, speed), HERE, now)
+        found.remember(Reference(SHOULDERS, (Mode.POSITION,) * 2, position, speed, np.zeros(2)), HERE, now)
     return found, times
 
 

@@ -37,7 +37,7 @@ def told(way: Callable[[float], float]) -> tuple[list[str], set[int]]:
         angles[own] = asked + (way(now - STOPS) if now > STOPS else 0.0)
         rates[own] = (angles[own] - before) / 0.01
         speed = SPEED if now < STOPS else 0.0
-        reference = Reference(own, (Mode.POSITION,), np.array([asked]), np.array([speed]))
+        reference = Reference(own, (Mode.POSITION,), np.array([asked]), np.array([speed]), np.zeros(1))
         seen = replace(reading(angles, now), velocity=read_only(rates))
         found += [one.text for one in meets.step(seen, reference, now, None)[1]]
         over |= meets.overshoots

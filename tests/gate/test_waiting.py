@@ -125,7 +125,7 @@ def test_nobody_waits_for_an_arm_that_lies_on_a_thing() -> None:
         for part in ("left_arm", "right_arm", "torso")
     )
     waiting, yaw = Waiting(ROBOT, groups), np.array([PLACE["torso_yaw"]])
-    turns = Reference(yaw, (Mode.POSITION,), HOME[yaw], np.array([0.5]))
+    turns = Reference(yaw, (Mode.POSITION,), HOME[yaw], np.array([0.5]), np.zeros(1))
     right.thing, right.goal, left.goal = "the table", HOME[right.servos], HOME[left.servos]
     waiting.look({}, HOME, turns)
     assert waiting.servos == waist.own

@@ -67,7 +67,9 @@ def told(
         now = step * PERIOD
         clock = now + (back if now < at + 0.05 else 0.0)
         asked, rate = way(now)
-        reference = Reference(np.array([own]), (Mode.POSITION,), np.array([asked]), np.array([rate]))
+        reference = Reference(
+            np.array([own]), (Mode.POSITION,), np.array([asked]), np.array([rate]), np.zeros(1)
+        )
         silent = at - stall < now < at
         late = lag + (stall if at <= now < at + PERIOD else 0.0)
         angles, torques = np.zeros((2, len(names)))

@@ -73,6 +73,7 @@ def commands(robot: Robot, modes: Sequence[Mode]) -> list[SafeCommand]:
                 modes=(mode,) * len(servos),
                 position=read_only(start[servos] + step * moved),
                 velocity=read_only(0.1 * step * (mode is not Mode.TORQUE) * (not hold)),
+                acceleration=read_only(0.0 * step),
                 torque=read_only(step * (mode is Mode.TORQUE)),
                 stiffness={int(servos[0]): 0.5} if number == 0 else {},
                 damping={int(servos[1]): 0.25} if number == 0 else {},

@@ -128,11 +128,11 @@ class CommandedGroups:
         """Present references of the servos under command. The servos in torque mode come last, with their
         measured angles as references."""
         if self._reference is None:
-            states = [chain.limiter.whole_state[:2] for chain in self.chains]
+            states = [chain.limiter.whole_state for chain in self.chains]
             if self._loose.size or not states:
-                states.append(np.array([self.measured[self._loose], np.zeros(self._loose.size)]))
-            position, velocity = frozen(np.concatenate(states, axis=1))
-            self._reference = Reference(self._servos, self._modes, position, velocity)
+                still = np.zeros(self._loose.size)
+                states.append(np.array([self.measured[self._loose], still, still]))
+            self._reference = Reference(self._servos, self._modes, *frozen(np.concatenate(states, axis=1)))
         return self._reference
 
     def ways_back(self, servos: AbstractSet[int]) -> dict[int, WayBack]:

@@ -96,6 +96,8 @@ class Reference(NamedTuple):
     """Position reference (k,) [rad]."""
     velocity: Array
     """Velocity reference (k,) [rad/s]."""
+    acceleration: Array
+    """[rad/s2] (k,)."""
 
 
 class JointMonitor:

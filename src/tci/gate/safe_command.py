@@ -57,6 +57,8 @@ class SafeCommand:
     period. In impedance mode: the equilibrium. In torque mode: the measured position."""
     velocity: Array
     """Velocity (k,) [rad/s] of each servo at the end of this period; 0 in torque mode."""
+    acceleration: Array
+    """Acceleration (k,) [rad/s2] of each servo at the end of this period; 0 in torque mode."""
     torque: Array
     """Torque (k,) [N m] of each servo in torque mode; 0 in other modes."""
     stiffness: Mapping[int, float]

@@ -37,8 +37,8 @@ def command(angle: float) -> SafeCommand:
     servos, values = np.array([SERVO]), read_only(np.array([angle]))
     return SafeCommand(
         seal=GateToken(ROBOT.name), stamp=NOW, state=GateState.RUN, servos=servos, modes=(Mode.POSITION,),
-        position=values, velocity=read_only(np.zeros(1)), torque=read_only(np.zeros(1)), stiffness={},
-        damping={}, clamped=(), refusals=(), reason=None,
+        position=values, velocity=read_only(np.zeros(1)), acceleration=read_only(np.zeros(1)),
+        torque=read_only(np.zeros(1)), stiffness={}, damping={}, clamped=(), refusals=(), reason=None,
         orders=(PlatformCommand(Mode.POSITION, servos, values, np.ones(1)),),
     )  # fmt: skip
 

@@ -20,13 +20,11 @@ from tci.wires.unitree.motors import GAINS, MOTORS, TARGET, UPPER, gains
 
 LEANS = 0.5
 """Time [s] over which the pelvis's accelerometer tells where down is: steps and shakes are shorter."""
-APART = 0.05
-"""Longest time [s] between two commands that tell an acceleration."""
 
 
 class SetPoints:
-    """Converts commands for servos to targets of motors. Stores the last commanded stiffness and damping, the
-    last speeds, and where down is."""
+    """Converts commands for servos to targets of motors. Stores the last commanded stiffness and damping,
+    and where down is."""
 
     def __init__(self, robot: Robot, slots: NDArray[np.intp], *, whole: bool) -> None:
         """Stores the slot (n_servos,) of each servo's motor, -1 for fingers. If `whole` is True, uses the
@@ -37,10 +35,8 @@ class SetPoints:
         with suppress(DescriptionError, UnknownNameError):  # without masses
             self._dynamics = Dynamics(robot, JointCalibration(robot=robot.name))
         self._most = np.array([servo.limits.torque or 0.0 for servo in robot.servos])
-        self._rise = np.array([servo.limits.acceleration or 0.0 for servo in robot.servos])
         self._upper = np.isin(slots, UPPER)  # what legs bear, the ground tells
         self._holds, self._moves = np.zeros((2, len(slots)))
-        self._velocity, self._sent = np.zeros(len(slots)), -np.inf
         self._down, self._stamp = UPRIGHT.copy(), -np.inf
 
     def of(self, safe: SafeCommand, joints: JointReading) -> tuple[NDArray[np.bool_], NDArray[np.void]]:
@@ -62,13 +58,11 @@ class SetPoints:
             targets[gain][slots] = (self._gains[gain] * self._share[gain])[slots]
             targets[gain][loose] = 0.0
         stiff = safe.servos[~push]
-        position, velocity = joints.position.copy(), np.zeros(len(self._slots))
+        position, (velocity, rate) = joints.position.copy(), np.zeros((2, len(self._slots)))
         position[stiff], velocity[stiff] = safe.position[~push], safe.velocity[~push]
-        passed, before = safe.stamp - self._sent, self._velocity
-        self._velocity, self._sent = velocity, safe.stamp
-        rate = (velocity - before) / passed if 0.0 < passed < APART else np.zeros(len(velocity))
+        rate[stiff] = safe.acceleration[~push]
         self._look(joints)
-        self._bear(position, velocity, np.clip(rate, -self._rise, self._rise))
+        self._bear(position, velocity, rate)
         targets["holds"] = self._of_motors(self._holds)
         led = slots[~push[own]]
         targets["tau"][led] = self._of_motors(self._moves)[led]

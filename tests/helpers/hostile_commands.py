@@ -45,6 +45,8 @@ class Judge:
         self.rates = np.array([[np.nan if r is None else r for r in rate] for rate in rates]).T
         self.torque = np.array([0.0 if x.torque is None else x.torque for x in limits])
         self.steps = np.zeros((4, count))
+        self.read: tuple[Array, Array] = np.zeros(count), np.zeros(count)
+        self.began, self.pace = np.zeros(count, dtype=bool), np.zeros(count)
         # Least distance by which each servo was outside its bounds since it was first commanded. `values`
         # contains this distance for each coupling.
         self.outside = np.full(count, np.nan)
@@ -66,6 +68,9 @@ class Judge:
         """Checks the output of one step. `measured` (n,) [rad] and `speed` (n,) [rad/s], by default 0, are
         the robot's state before the step. `moved` is True if a step was due."""
         speed = np.zeros(len(measured)) if speed is None else speed
+        if moved:
+            self.read = measured, speed
+        measured, speed = self.read  # of two readings with one stamp the first counts
         sent = np.full(len(measured), np.nan)
         sent[safe.servos] = safe.position
         for name in ("position", "velocity", "torque"):
@@ -79,7 +84,7 @@ class Judge:
             modes[servo] = mode
             was = self.modes[servo]
             yielded = was is Mode.IMPEDANCE and mode is not Mode.IMPEDANCE
-            if was is None or (yielded and not self._goes_on(servo, sent[servo])):
+            if was is None or (yielded and not self._goes_on(servo, sent[servo], measured[servo])):
                 starts[servo] = True
                 self.steps[:, servo] = self._run_up(servo, sent[servo], measured, speed)
                 self.outside[servo] = np.nan
@@ -92,11 +97,16 @@ class Judge:
         loose = np.array([mode is Mode.TORQUE for mode in safe.modes], dtype=bool)
         position = safe.position[~loose]
         if not moved:
-            # The earlier reading with the same time stamp is used for the comparison, because a joint may
-            # have moved since.
             if (np.abs(position - self.steps[3, index]) > STILL * starts[index]).any():
                 self._fault("moved before its time", np.inf)
+            self.began |= starts
+            self.pace[starts] = speed[starts]
             return
+        for servo in np.flatnonzero(
+            self.began & ~starts & np.isfinite(sent)
+        ).tolist():  # only now it shows at which speed
+            self.steps[:, servo] = self._run_up(servo, sent[servo], self.steps[3], self.pace)
+        self.began[:] = False
         self.steps[:-1] = self.steps[1:].copy()
         self.steps[3, index] = position
         untold = np.ones(len(self.modes), dtype=bool)
@@ -111,11 +121,13 @@ class Judge:
         self._couplings(safe, set(safe.servos[loose].tolist()))
         self._rest(safe)
 
-    def _goes_on(self, servo: int, sent: float) -> bool:
+    def _goes_on(self, servo: int, sent: float, measured: float) -> bool:
         """True if a compliant servo that gets another mode goes on from its reference. Otherwise it must go
         on from its measured state."""
         if abs(sent - self.steps[3, servo]) <= STILL:  # as in a step that was not due
             return True
+        if abs(sent - measured) <= STILL:
+            return False
         steps = np.append(self.steps[1:, servo], sent)
         rates = [abs(np.diff(steps, order)[-1]) / self.period**order for order in (1, 2, 3)]
         return bool((np.array(rates) <= self.rates[:, servo] * (1.0 + 1e-6)).all())

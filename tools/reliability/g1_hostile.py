@@ -8,7 +8,6 @@ import select
 import socket
 import struct
 import time
-from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -155,23 +154,30 @@ class Robot:
     from rest at the measured position and move only inward. Such a set-point may lie no farther outside than
     the joint was pushed while it had no stiffness, or sags while it has stiffness. From one message to the
     next, a set-point must move no faster than the joint's speed limit, or must equal the measured position.
+    Beside stiffness, a torque must be what MuJoCo says that the set-points ask for.
     """
 
     MOTORS = struct.Struct("<" + "B3x5fI" * 35)
     STRUCT = 1004
     """Size [bytes] of the vendor's struct of a command."""
 
-    def __init__(self, slots: list[int], limits: list[Any], asked: list[float]) -> None:
-        """`asked` [N m] is what weight and motion ask of each motor at most."""
-        self.asked = np.array([most for slot, most in zip(slots, asked, strict=True) if slot >= 12])
+    def __init__(self, robot: Description, slots: list[int]) -> None:
+        limits = [servo.limits for servo in robot.servos]
+        self.model = solid_spec(robot).compile()
+        self.data, self.inertia = mujoco.MjData(self.model), np.zeros((self.model.nv,) * 2)
+        joints = [servo.joint for slot, servo in zip(slots, robot.servos, strict=True) if slot >= 12]
+        self.dofs = np.array([self.model.joint(joint).dofadr[0] for joint in joints])
         self.slots = [slot for slot in slots if slot >= 12]
         mine = [limit for slot, limit in zip(slots, limits, strict=True) if slot >= 12]
-        self.lower, self.upper, self.speed, self.jerk, self.torque = (
+        self.lower, self.upper, self.speed, self.rise, self.jerk, self.torque = (
             np.array([getattr(limit, name) for limit in mine], dtype=float)
-            for name in ("lower", "upper", "velocity", "jerk", "torque")
+            for name in ("lower", "upper", "velocity", "acceleration", "jerk", "torque")
         )
         self.beyond, self.least = np.zeros((2, len(mine)))
         self.before: Array | None = None
+        self.speeds, self.loose = np.full(len(mine), np.nan), np.ones(len(mine), dtype=bool)
+        self.judged = 0
+        """Number of messages whose torques beside stiffness were judged."""
         self.faults: list[str] = []
 
     def see(self, data: bytes, measured: Array) -> None:
@@ -196,7 +202,7 @@ class Robot:
             "jump": (near > self.speed * PERIOD * (1.0 + ROUNDING) + close) & ~loose,
             "speed": np.abs(dq) > self.speed * (1.0 + ROUNDING),
             "torque": np.abs(tau) > self.torque * (1.0 + ROUNDING),
-            "torque beside stiffness": (np.abs(tau) > self.asked + 1e-3) & ~loose,
+            "torque beside stiffness": ~loose & self._wrong(q, dq, tau, loose),
             "gains": ~((kp >= 0.0) & (kp <= GAINS[0]) & (kd >= 0.0) & (kd <= GAINS[1])),
         }
         self.faults += [
@@ -207,6 +213,23 @@ class Robot:
         if motors[:12, 0].any():
             self.faults.append("a leg is enabled")
         self.before = q
+
+    def _wrong(self, q: Array, dq: Array, tau: Array, loose: Array) -> Array:
+        """Which torques (k,) aren't those of the motion, by more than a period's jerk explains. Nothing is
+        known of a motion that begins anew at some speed, as where a motor gets stiffness."""
+        rates, self.speeds = (dq - self.speeds) / PERIOD, dq
+        anew, self.loose = loose != self.loose, loose
+        if anew.any() or not (np.abs(rates) <= self.rise + self.jerk * PERIOD).all():
+            return np.zeros(len(q), dtype=bool)
+        self.judged += 1
+        model, data, dofs = self.model, self.data, self.dofs
+        data.qpos[model.jnt_qposadr[dofs]], data.qvel[dofs] = q, dq
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, self.inertia)
+        inertia = self.inertia[np.ix_(dofs, dofs)]
+        asked = np.clip(data.qfrc_bias[dofs] + inertia @ rates, -self.torque, self.torque)
+        found: Array = np.abs(tau - asked) > np.abs(inertia) @ (self.jerk * PERIOD) + 0.01 * self.torque
+        return found
 
     def _outside(self, position: Array) -> Array:
         """Returns the distance (k,) [rad] of joints at `position` (k,) [rad] outside their limits."""
@@ -238,8 +261,7 @@ class _Attack(Attack):
         theirs.setblocking(False)
         orders = Orders("lo", 0, "rt/arm_sdk", whole=False, simulation=False, period=PERIOD, socket=0)
         self.keeper = Keeper(orders, self.wire, theirs)
-        asked = [_asked(robot)[servo.joint or servo.name] for servo in robot.servos]
-        self.end = Robot(self.slots.tolist(), [servo.limits for servo in robot.servos], asked)
+        self.end = Robot(robot, self.slots.tolist())
         self.messages, self.refused, self.time = 0, 0, 0.0
         self.socket.send(TAKES.pack(ASK, *self.set_points.holds(self._true).tolist()))
         while self.keeper.handover.phase is not Phase.LEADING:
@@ -276,27 +298,6 @@ class _Attack(Attack):
             self.messages += 1
             self.end.see(data, measured)
         self.wire.sent.clear()
-
-
-@cache
-def _asked(robot: Description) -> dict[str, float]:
-    """What weight, speeds and accelerations within the limits ask of each joint at most [N m], in 3000
-    postures of the model as it is, and a tenth more."""
-    model, random = solid_spec(robot).compile(), np.random.default_rng(0)
-    data, most, inertia = mujoco.MjData(model), np.zeros(model.nv), np.zeros((model.nv, model.nv))
-    limits = {servo.joint: servo.limits for servo in robot.servos}
-    own = [limits.get(model.joint(joint).name) for joint in range(model.njnt)]
-    fastest, rise = (
-        np.array([getattr(one, name, None) or 0.0 for one in own]) for name in ("velocity", "acceleration")
-    )
-    for _ in range(3000):
-        data.qpos[:] = random.uniform(*model.jnt_range.T)
-        data.qvel[:] = fastest * random.choice([-1.0, 0.0, 1.0], model.nv)
-        mujoco.mj_forward(model, data)
-        mujoco.mj_fullM(model, data, inertia)
-        rates = rise * random.choice([-1.0, 0.0, 1.0], model.nv)
-        most = np.maximum(most, np.abs(data.qfrc_bias + inertia @ rates))
-    return {model.joint(joint).name: 1.1 * most[model.joint(joint).dofadr[0]] for joint in range(model.njnt)}
 
 
 def _attack(seed: int, sdk: _Sdk | None = None) -> Result:

@@ -197,6 +197,27 @@ def test_the_doctor_examines_the_source_and_the_robot() -> None:
     assert {"left_hand", "left_forearm", "joints"} <= subjects.keys()
 
 
+def test_what_a_source_sends_wrong_is_told_and_no_frame_is_made_of_it(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    device = UdpLines()
+    device.values = {"left_hand": [0] * 2}
+    device.plug()
+    command = ["doctor", "nao", "--via", f"sim + {device.via},patch=left_hand", "--duration", "0.5", "--json"]
+    found = CliRunner().invoke(app, command)
+    device.unplug()
+    findings = [one for one in json.loads(found.stdout)["findings"] if one["level"] in ("fault", "warning")]
+    told = {(one["subject"], one["what"].split(" ", 1)[-1]) for one in findings}
+    via = f"{device.via},patch=left_hand"
+    wrong = "left_hand: 2 values of type float32; valid: 3 numbers"
+    assert told == {
+        (via, "is open, and nothing usable has come"),
+        (via, f"messages unusable: {wrong}"),
+        ("left_hand", "frame at all"),
+    }
+    assert [one.message for one in caplog.records] == [f"{via}: unusable: {wrong}"]
+
+
 def test_who_is_not_there_is_named() -> None:
     for via in ("inspire:127.0.0.1:9", "array:tcp://127.0.0.1:9", "array:serial:///dev/nothing"):
         address = Address.of(via)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import socket
 import threading
 import time
@@ -23,6 +24,8 @@ AGAIN = 0.5
 LEAST_SILENCE, MOST_SILENCE, GAPS = 0.25, 5.0, 4.0
 """A pad is silent after `GAPS` times its usual gap between two frames, within these bounds [s]."""
 MOST_REASONS = 20
+AT_FIRST = 2
+"""Unusable messages of one kind before it is told: a port is opened amid one."""
 ADVICE: dict[type[Exception], str] = {
     ConnectionRefusedError: "the computer is there, but nobody listens at this port: start what serves the "
     "hand, end its other clients, or correct the port",
@@ -31,6 +34,7 @@ ADVICE: dict[type[Exception], str] = {
     FileNotFoundError: "plug it in; tci hand lists the ports",
 }
 """What to do next, by the error."""
+_log = logging.getLogger("tci")
 
 
 @dataclass(slots=True)
@@ -159,6 +163,11 @@ class SourceReader:
                        "lost": float(self.lost)}  # fmt: skip
             found.append(Finding(Level.OK, self.name, f"{said}; sent to the device: {self.source.writes}",
                                  figures=figures))  # fmt: skip
+        elif not self.trouble:
+            found.append(
+                Finding(Level.FAULT, self.name, "it is open, and nothing usable has come",
+                        "start what sends, and see that it sends to this address")
+            )  # fmt: skip
         if self.lost:
             said = f"the connection was lost {self.lost} times"
             found.append(
@@ -170,7 +179,12 @@ class SourceReader:
             found.append(Finding(Level.NOTE, self.name, said, "press each of them: only a change shows life"))
         found += self.source.diagnose()
         found += [
-            Finding(Level.WARNING, self.name, f"{count} messages unusable: {reason}")
+            Finding(
+                Level.WARNING,
+                self.name,
+                f"{count} messages unusable: {reason}",
+                "send what is valid, or correct the description",
+            )
             for reason, count in self.rejected.items()
         ]
         return tuple(found)
@@ -211,7 +225,10 @@ class SourceReader:
             state.take(values, one.stamp, arrival)
 
     def _reject(self, reason: str) -> None:
-        self.rejected[reason if len(self.rejected) < MOST_REASONS else "and others"] += 1
+        reason = reason if len(self.rejected) < MOST_REASONS else "and others"
+        self.rejected[reason] += 1
+        if self.rejected[reason] == AT_FIRST:
+            _log.warning("%s: unusable: %s", self.name, reason)
 
     def _quietly(self, do: Callable[[], None]) -> None:
         try:

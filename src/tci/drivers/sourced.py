@@ -269,7 +269,7 @@ class SourcedDriver(DriverWrapper):
         there; one that was never heard gets the same."""
         before = self._frames.get(patch)
         if silent is not None:
-            if before is not None and np.isnan(before.values).all():
+            if before is not None and before.empty:
                 return before
             values = np.full(state.channels, np.nan, np.float32)
             return self._keep(patch, now, values)

@@ -49,6 +49,11 @@ class SkinFrame:
     values: NDArray[np.generic]
     """Raw values (channels,), in the sensor's own units and order."""
 
+    @property
+    def empty(self) -> bool:
+        """True if no channel has a value, as while a source is silent."""
+        return self.values.dtype.kind == "f" and bool(np.isnan(self.values).all())
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:

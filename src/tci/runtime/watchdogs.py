@@ -143,7 +143,7 @@ class SkinWatchdog:
 
 
 class SourceWatchdog:
-    """Detects patches whose source is silent: all values of their frame are NaN. One that nobody needs is
+    """Detects patches whose source is silent: their frame is empty. One that nobody needs is
     blind: it is told once, feels nothing until it comes back, and the rest goes on."""
 
     def __init__(
@@ -168,15 +168,14 @@ class SourceWatchdog:
             before = set(self.blind)
             for frame in fresh:
                 self._known[frame.patch] = frame.sequence
-                dead = frame.values.dtype.kind == "f" and bool(np.isnan(frame.values).all())
-                (self.blind.add if dead else self.blind.discard)(frame.patch)
+                (self.blind.add if frame.empty else self.blind.discard)(frame.patch)
             self._tell(before)
         if not self.blind:
             return None
         missing = sorted(self.blind.intersection(self._needed))
         if not missing:
             return None
-        return Reason(Code.SKIN_SILENT, f"{_from(self._sources, missing)} sends nothing")
+        return Reason(Code.SKIN_SILENT, f"{_from(self._sources, missing)} sends nothing usable")
 
     def _tell(self, before: set[str]) -> None:
         if gone := self.blind - before:
@@ -186,8 +185,8 @@ class SourceWatchdog:
                     continue  # its pads fall silent one after the other: told once
                 parts = ", ".join(dict.fromkeys(self._parts[patch] for patch in own))
                 _log.warning(
-                    "%s sends nothing: it feels nothing until it comes back, and a push on %s is noticed by "
-                    "joints only, as on a part without skin", _from(self._sources, own), parts,
+                    "%s sends nothing usable: it feels nothing until it comes back, and a push on %s is "
+                    "noticed by joints only, as on a part without skin", _from(self._sources, own), parts,
                 )  # fmt: skip
         for source in dict.fromkeys(self._sources[patch] for patch in sorted(before - self.blind)):
             if not any(self._sources[patch] == source for patch in self.blind):

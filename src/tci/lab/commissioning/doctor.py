@@ -210,7 +210,7 @@ def judge_torques(robot: Robot, reading: Reading) -> Iterator[Finding]:
 
 
 def _skin_values(robot: Robot, seen: Observation) -> Iterator[Finding]:
-    frames = {frame.patch: frame for reading in seen.readings for frame in reading.skin}
+    frames = {frame.patch: frame for reading in seen.readings for frame in reading.skin if not frame.empty}
     for patch in robot.patches:
         if patch.name not in frames:
             continue

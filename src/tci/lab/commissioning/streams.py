@@ -143,7 +143,7 @@ def observe(
         before = driver.clock.now()
         joints.add(reading.joints.sequence, reading.joints.stamp, before)
         for frame in reading.skin:
-            if frame.patch in skin:
+            if frame.patch in skin and not frame.empty:
                 skin[frame.patch].add(frame.sequence, frame.stamp, before)
         if len(cost) % every == 0:
             kept.append(reading)

@@ -195,6 +195,19 @@ def test_a_capability_that_is_refused_in_every_period_is_told_and_ends_with_a_st
     assert captured.err == "", "and not told twice to a person"
 
 
+def test_a_warning_that_no_command_prints_itself_reaches_whoever_runs_it() -> None:
+    code = """
+import logging
+from tci.cli.console import told_here
+
+with told_here():
+    logging.getLogger("tci.run").warning("a clamp, which the command prints")
+    logging.getLogger("tci").warning("the skin is gone")
+"""
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stderr == "the skin is gone\n"
+
+
 def test_clamps_are_told_as_refusals_are(capsys: pytest.CaptureFixture[str]) -> None:
     run_capability("cli.test_run:Far", "nao", duration=0.1, as_json=True)
     told = json.loads(capsys.readouterr().out)

@@ -104,6 +104,20 @@ def test_torques_that_vanish_are_told_with_code_time_and_what_they_felt() -> Non
     assert reason.text.endswith(f": {', '.join(names)} feel nothing")
 
 
+def test_a_part_that_never_reports_the_torques_that_it_feels_with_is_told_once(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    robot = tci.load_robot("g1-bare")
+    silence, torque = SkinWatchdog(robot, stale_after=0.05), np.full(len(robot.servos), np.nan)
+    torque[[one.servo for one in robot.part("left_arm").servos if one.servo is not None]] = 0.0
+    for k in range(100):
+        joints = JointReading(0.02 * k, k, 0.0 * torque, 0.0 * torque, torque + 0.01 * k)
+        assert not silence.fault(Reading(joints, ()), 0.02 * k)
+    names = ", ".join(patch.name for patch in robot.patches if patch.part == "right_arm")
+    said = f"the joints of right_arm report no torques: {names} feel nothing (tci doctor)"
+    assert [one.message for one in caplog.records] == [said]
+
+
 @pytest.mark.parametrize("how", ["none", "nan", "frozen"])
 def test_torques_that_vanish_silence_what_is_felt_through_joints(how: str) -> None:
     robot = tci.load_robot("g1-bare")

@@ -21,9 +21,8 @@ def print_json(value: Any) -> None:
 
 @contextmanager
 def told_here() -> Iterator[None]:
-    """Hides the log messages of TCI inside the `with` block. This is needed for a command that prints the
-    logged events itself."""
-    log, quiet = logging.getLogger("tci"), logging.NullHandler()
+    """Hides what `tci.run` logs inside the `with` block, for a command that tells these events itself."""
+    log, quiet = logging.getLogger("tci.run"), logging.NullHandler()
     log.addHandler(quiet)
     try:
         yield

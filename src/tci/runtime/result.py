@@ -30,7 +30,7 @@ MET = f"a part met something; {AGAIN}"
 """Last words of a run in which a part answered contact. The robot did what it should: no failure."""
 
 Memory = TypeVar("Memory")
-_log = logging.getLogger("tci")
+_log = logging.getLogger("tci.run")
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -216,10 +216,11 @@ class TorqueWatchdog:
         }
         self._seen: dict[str, tuple[Array, Array, float]] = {}
         self._stamp = -np.inf
+        self._missed = np.nan
 
     def fault(self, joints: JointReading, now: float) -> Reason | None:
         """Returns a reason to hold the robot if a part has reported no new torques for too long. Otherwise
-        returns None. `now` [s] is the present time.
+        returns None. Logs each part that has never reported any. `now` [s] is the present time.
         """
         if joints.stamp != self._stamp and joints.torque is not None:
             for part, servos in self._servos.items():
@@ -234,6 +235,15 @@ class TorqueWatchdog:
                 if reported.any() and not frozen:
                     self._seen[part] = torque, start, now
         self._stamp = joints.stamp
+        if np.isnan(self._missed):
+            self._missed = now + self._longest
+        elif now > self._missed:
+            self._missed = np.inf
+            for part in sorted(self._servos.keys() - self._seen.keys()):
+                patches = ", ".join(self._patches[part])
+                _log.warning(
+                    "the joints of %s report no torques: %s feel nothing (tci doctor)", part, patches
+                )
         for part, (_, _, latest) in self._seen.items():
             if (silent := now - latest) > self._longest:
                 words = f"the joints of {part} have reported no new torques for {silent * 1e3:.0f} ms"

@@ -204,7 +204,10 @@ def judge_torques(robot: Robot, reading: Reading) -> Iterator[Finding]:
     torque = reading.joints.torque
     silent = [one.name for one in feeling if torque is None or not np.isfinite(torque[one.index])]
     if silent:
-        advice = "make its driver report them, or leave out the patches that are felt through joints"
+        advice = (
+            "make its driver report them (one that reads currents: docs/touch-without-skin.md), or leave out "
+            "the patches that are felt through joints"
+        )
         level = Level.FAULT if len(silent) == len(feeling) else Level.WARNING
         yield Finding(level, "joints", f"no torques, which feeling touches needs: {_some(silent)}", advice)
 

@@ -91,6 +91,9 @@ def test_what_a_robot_lacks_is_said_in_place_of_nothing_moved(caplog: pytest.Log
     assert not lacks(tci.WithdrawalReflex(), "g1-bare"), "felt through joints"
     assert not lacks(HEAD_STOP, "nao-plain-h21")
     assert lacks(SoftHands(), "nao-plain-h21") == ("no skin on a hand of this robot",)
+    forces = "no skin that measures force on an arm or on fingers of this robot"
+    assert lacks(tci.Gentle(Sway()), "nao-plain") == (forces,), "a cap in newtons, and switches know none"
+    assert not lacks(tci.Gentle(Sway()), "nao")
     assert lacks(tci.LightGrasp(), "nao") == ("no skin on a palm of this robot",)
     assert lacks(tci.BodyWithdrawal(), "nao-plain")
     assert not lacks(tci.BodyWithdrawal(), "icub-whole")

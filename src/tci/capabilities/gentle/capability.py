@@ -96,10 +96,9 @@ class Gentle(CapabilityWrapper[GentleMemory[Memory]], Generic[Memory]):
 
     @property
     def needs(self) -> tuple[Need, ...]:
-        own = tuple(self.parts)
-        if not own:
-            return (*super().needs, Need("skin on an arm or on fingers", ("arm", "fingers")))
-        return (*super().needs, Need(f"skin on {' or '.join(own)}", own))
+        parts = tuple(self.parts) or ("arm", "fingers")
+        where = " or ".join(self.parts) or "an arm or on fingers"
+        return (*super().needs, Need(f"skin that measures force on {where}", parts, switches=False))
 
     def inner_memory(self, memory: GentleMemory[Memory]) -> Memory:
         return memory.inner

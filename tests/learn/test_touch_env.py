@@ -24,7 +24,7 @@ Act = Callable[[TouchEnv, np.ndarray], np.ndarray]
 
 
 def still(env: TouchEnv, seen: np.ndarray) -> np.ndarray:
-    return np.zeros(5, np.float32)
+    return np.zeros(env.action_space.shape or (), np.float32)
 
 
 def answer(env: TouchEnv, seen: np.ndarray) -> np.ndarray:
@@ -90,6 +90,12 @@ def test_vectorised_is_the_same_as_alone() -> None:
         expected, reward, *_ = alone.step(actions[1])
         assert rewards[1] == pytest.approx(reward, abs=1e-12)
     vector.close()
+
+
+@pytest.mark.parametrize(("robot", "part"), [("g1-inspire", "left_fingers"), ("icub-whole", "head")])
+def test_what_is_no_arm_withdraws_by_the_reflex_of_its_kind(robot: str, part: str) -> None:
+    env = TouchEnv(robot, part=part)
+    assert returns(env, answer, 2) > 0.8 * returns(env, still, 2)
 
 
 @pytest.mark.parametrize("robot", ["nao", "icub", "g1"])

@@ -5,19 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tci.body.generic_body import GenericBody
+from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.capability import Capability
+from tci.capabilities.finger_reflex.capability import FingerReflex
 from tci.capabilities.policy.observations import View
 from tci.capabilities.policy.spec import PolicySpec
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.errors import TciError
 from tci.learn.reach import REACH as REACH
 from tci.learn.task import Poke, Scene, TouchTask
-from tci.messages import Command, GenericCommand, Mode, ModeLike, Perception, SwitchMode
+from tci.messages import Command, GenericCommand, Mode, Perception, SwitchMode
 from tci.messages.frames import read_only
 
 PAIN = 400e3
@@ -91,8 +94,14 @@ class HoldTouch(Capability[None]):
         return frozenset({self.part})
 
 
-def _reflex(scene: Scene, mode: ModeLike = Mode.POSITION) -> WithdrawalReflex:
-    return WithdrawalReflex(mode=mode)
+def _reflex(scene: Scene) -> Capability[Any]:
+    match scene.robot.part(scene.part).kind:
+        case "arm":
+            return WithdrawalReflex()
+        case "fingers":
+            return FingerReflex()
+        case _:
+            return BodyWithdrawal()
 
 
 WITHDRAWAL = TouchTask(
@@ -101,8 +110,8 @@ WITHDRAWAL = TouchTask(
     policy=PolicySpec(action_scale=(1.2,) * 5),
     success=lambda view: felt(view) == 0.0,
 )
-"""A finger pokes the part; withdraw from it, move little, and come back. The baseline is the reflex. Success:
-nothing is felt any more."""
+"""A finger pokes the part; withdraw from it, move little, and come back. The baseline is the reflex of such
+parts. Success: nothing is felt any more."""
 
 FORCES = (2.0, 5.0)
 HELD = 0.25

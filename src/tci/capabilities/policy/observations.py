@@ -93,7 +93,7 @@ def contacts(view: View) -> Array:
     own.sort(key=lambda contact: -contact.force)
     for row, contact in zip(rows, own, strict=False):
         place = -1.0, 0.0, 0.0, 0.0
-        if contact.segment:
+        if not math.isnan(contact.u):  # fingers and palms are segments without u and theta
             sin, cos = math.sin(contact.theta), math.cos(contact.theta)
             place = float(contact.segment == "forearm"), contact.u, sin, cos
         row[:] = *place, contact.force, contact.peak, 1e4 * contact.area

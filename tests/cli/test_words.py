@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from shutil import copy
 
 import tci
 from helpers.command_line import tci as command
@@ -31,6 +32,15 @@ def test_people_train_it_on_their_own_recordings(tmp_path: Path) -> None:
     known = json.loads(command("words", "show", "nao", "--recogniser", mine, "--json"))["words"]
     assert sorted(known["left_forearm"]) == ["pat", "press"]
     assert TouchWords(mine).words_on("left_hand", tci.GenericBody("nao")) == ("tap", "press")
+    two = [str(tmp_path / f"{word}.mcap") for word in ("press", "pat")]
+    for file in two:  # one word in each
+        copy(visit, file)
+        word = Path(file).stem
+        lines = [row.split("\t") for row in rows[1:]]
+        named = ["\t".join([*cells[:2], word, *cells[3:]]) for cells in lines]
+        Path(file).with_suffix(".tsv").write_text("\n".join([rows[0], *named]) + "\n")
+    said = command("words", "train", str(tmp_path / "two.npz"), *two)
+    assert "without any one of these files no two words are left" in " ".join(said.split())
     assert "nowhere.mcap: no such file" in command(
         "words", "train", str(tmp_path / "none.npz"), "nowhere.mcap", status=1
     )

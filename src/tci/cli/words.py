@@ -126,4 +126,7 @@ def score(
 
 
 def _advice(every: Examples) -> str:
-    return f"all from {every.groups[0]}: how good it is elsewhere, nobody knows; give a second recording"
+    why = f"all from {every.groups[0]}"
+    if len({*every.groups}) > 1:
+        why = "without any one of these files no two words are left"
+    return f"{why}: how good it is elsewhere, nobody knows; give another recording, with several words"

@@ -148,7 +148,7 @@ class Attend(Capability[Attention]):
         if now - max(memory.felt, min(memory.way, memory.felt + LONG * self.patience)) > self.patience:
             return self._return(memory, perception, body, part)
         if now < memory.onset + self.delay or self._withdraws(memory, perception, body):
-            return (), replace(memory, said=f"{memory.part} is touched; it withdraws before {part} looks")
+            return (), replace(memory, said=f"{memory.part} is touched; it may withdraw before {part} looks")
         new = memory.look is None or memory.felt == now
         look, why = memory.look, ""
         if look is None or new:

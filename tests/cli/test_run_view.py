@@ -7,7 +7,8 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from tci.cli.run_view import _row
+from tci.cli.run_log import Event
+from tci.cli.run_view import RunView, _row
 
 
 @pytest.mark.parametrize("time", ["0.020 s", "1795785600.123 s"])
@@ -17,3 +18,13 @@ def test_the_time_of_an_event_is_whole_on_a_clock_of_the_wall_too(time: str) -> 
     lines = shown.file.getvalue().splitlines()  # type: ignore[attr-defined]
     assert f"{time}  OPERATOR  the" in lines[0]
     assert lines[1].startswith(" " * max(10, len(time)))
+
+
+def test_times_count_from_the_begin_of_the_run(capsys: pytest.CaptureFixture[str]) -> None:
+    """Over a wire they were those of the computer's own clock."""
+    view = RunView(quiet=False)
+    with view.shown():
+        for now, kind in ((81234.5, "touch"), (81235.75, "HOLD")):
+            view.event(Event(now, kind, "words"))
+    times = [line.split()[0] for line in capsys.readouterr().out.splitlines() if "words" in line]
+    assert times == ["0.000", "1.250"]

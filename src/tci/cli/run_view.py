@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 
 from rich.console import RenderableType
 from rich.live import Live
@@ -39,6 +40,7 @@ class RunView:
     def __init__(self, *, quiet: bool) -> None:
         self._live = None if quiet else Live(console=console, refresh_per_second=10, transient=True)
         self._repeats = Repeats(_print)
+        self._zero: float | None = None
 
     @contextmanager
     def shown(self) -> Iterator[None]:
@@ -50,14 +52,15 @@ class RunView:
     def event(self, event: Event) -> None:
         """Prints one event, or counts it if its cause was printed within the last second."""
         if self._live is not None:
-            self._repeats.add(event)
+            self._repeats.add(replace(event, now=self._since(event.now)))
 
     def tick(self, tick: Tick, session: Session) -> None:
         """Updates the line with the current state."""
         if self._live is None:
             return
-        self._repeats.pass_time(tick.now)
-        line = Text(f"{tick.now:8.3f} s  ")
+        now = self._since(tick.now)
+        self._repeats.pass_time(now)
+        line = Text(f"{now:8.3f} s  ")
         line.append(f" {tick.sent.state.name} ", style=f"reverse {_colour(tick.sent.state.name)}")
         counts = session.driver.gate.counts
         line.append(
@@ -65,6 +68,11 @@ class RunView:
             f"refusals {counts.refusals}  overruns {session.report.overruns}"
         )
         self._live.update(line)
+
+    def _since(self, now: float) -> float:
+        """Time [s] since the run began: a real robot's clock begins anywhere."""
+        self._zero = now if self._zero is None else self._zero
+        return now - self._zero
 
 
 def conclude(session: Session, *, filmed: bool) -> None:

@@ -109,10 +109,12 @@ def serve(
         stopped = False
         if asked is not None and not as_json:
             asked.tell()
-        again = -1.0
+        again, zero = -1.0, None
 
         def see(tick: Tick) -> None:
-            nonlocal stopped, again
+            nonlocal stopped, again, zero
+            zero = tick.now if zero is None else zero
+            since = f"{tick.now - zero:10.3f} s"  # a real robot's clock begins anywhere
             if desk is not None:
                 desk.see(tick)
             if asked is not None and tick.now > again:
@@ -120,7 +122,7 @@ def serve(
                 again = tick.now + asked.end
             for words in (*operator.listen(), *pace.listen(tick.now)):
                 if not as_json:
-                    console.print(f"{tick.now:10.3f} s  {words}", highlight=False, markup=False)
+                    console.print(f"{since}  {words}", highlight=False, markup=False)
             if tick.sent.state is GateState.STOP and not stopped and operator.present:
                 console.print(HINT, style="dim", highlight=False)
             stopped = tick.sent.state is GateState.STOP
@@ -129,7 +131,7 @@ def serve(
             )
             for line in (words, *map(str, tick.sent.refusals)):
                 if reasons.add(Reason.of(line), tick.now) and not as_json:
-                    console.print(f"{tick.now:10.3f} s  {line}", highlight=False, markup=False)
+                    console.print(f"{since}  {line}", highlight=False, markup=False)
 
         status = 0
         try:

@@ -33,6 +33,10 @@ def talos() -> Robot:
 
 def told(torque: float, *, speed: float = 0.3, steady: bool = True, stands: bool = True) -> list[str]:
     """What is told when a joint that follows its reference bears `torque` [N m] after 0.6 s."""
+    return borne(torque, speed=speed, steady=steady, stands=stands)[1]
+
+
+def borne(torque: float, *, speed: float, steady: bool, stands: bool) -> tuple[ContactReaction, list[str]]:
     robot = talos()
     names = [servo.name for servo in robot.servos]
     meets = ContactReaction(robot, groups_of(robot), ContactSettings(stands=stands))
@@ -46,7 +50,7 @@ def told(torque: float, *, speed: float = 0.3, steady: bool = True, stands: bool
         asked = Reference(own, (Mode.POSITION,), angles[own], np.array([rate]), np.zeros(1))
         seen = replace(reading(angles, now), torque=read_only(torques))
         found += [why.text for why in meets.step(seen, asked, now, None)[1]]
-    return found
+    return meets, found
 
 
 @pytest.mark.parametrize(("torque", "steady"), [(30.0, True), (60.0, False)])
@@ -54,6 +58,15 @@ def test_a_joint_that_bears_more_than_its_motion_explains_has_met_something(
     torque: float, steady: bool
 ) -> None:
     assert f"{JOINT} bears {torque} N m more than a moment ago" in told(torque, steady=steady)[0]
+
+
+def test_perceptions_tell_which_joint_bears_it() -> None:
+    """They told of 0 N on skin."""
+    reaction, _ = borne(30.0, speed=0.3, steady=True, stands=True)
+    assert reaction.met[0].joint == JOINT
+    assert str(reaction.met[0]).endswith(
+        f" met something: {JOINT} bears more than a moment ago; it goes back"
+    )
 
 
 @pytest.mark.parametrize(
@@ -96,7 +109,7 @@ def told_at_rest(
         asked = Reference(np.array([own]), (Mode.POSITION,), angles[[own]], np.array([rate]), np.zeros(1))
         seen = replace(reading(angles, now - late), torque=read_only(torques))
         found += [why.text for why in meets.step(seen, asked, now, None)[1]]
-    return found
+    return meets, found
 
 
 @pytest.mark.parametrize("late", [0.0, 0.003])

@@ -259,10 +259,12 @@ def test_a_behaviour_that_insists_is_stopped_and_the_joint_freed() -> None:
 def test_a_stream_that_a_contact_interrupts_goes_on_only_near_the_part() -> None:
     """It struck the same person again half a second after the contact, and once more, until the gate
     stopped."""
-    held = Held()
+    held, named = Held(), set[str]()
     for _ in range(2500):
         held.step(position_command([2], [1.5]))
+        named |= {why.text.partition(" met")[0] for why in held.safe.refusals}
         assert held.gate.state is GateState.RUN, held.gate.reason
+    assert named == {"left_arm"}, "not the robot's own name"
     assert len(held.told) == 1
     assert held.sent[2] < held.at
     assert held.safe.refusals[0].code is Code.CONTACT

@@ -211,7 +211,7 @@ class Gate:
             raise CommandError("the robot still moves; valid: reset at rest, after a stop")
         if touched := self._answering.touched:
             raise CommandError(
-                f"{', '.join(touched)} is still in contact; valid: reset when nothing presses, "
+                f"still in contact: {', '.join(touched)}; valid: reset when nothing presses, "
                 "gate.free() to move away slowly",
                 code=Code.CONTACT,
             )

@@ -33,9 +33,11 @@ class Met:
     answer: Answer
 
     def __str__(self) -> str:
-        what = f"{self.force:.0f} N on its skin"
+        what = ""
         if self.joint is not None and self.behind:
-            what = f"{self.joint} is held {degrees(self.behind):.1f} degrees behind"
+            what = f": {self.joint} is held {degrees(self.behind):.1f} degrees behind"
+        elif self.force >= 0.5:
+            what = f": {self.force:.0f} N on its skin"
         elif self.joint is not None:
-            what = f"{self.joint} bears more than a moment ago"
-        return f"{self.part} met something: {what}; it {DOES[self.answer]}"
+            what = f": {self.joint} bears more than a moment ago"
+        return f"{self.part} met something{what}; it {DOES[self.answer]}"

@@ -219,3 +219,22 @@ def test_the_page_says_that_a_part_met_something() -> None:
         session._see(replace(ticks[-1], sent=replace(ticks[-1].sent, clamped=(met,))))
         assert f"{met}; see what is in its way" in words(session)
         session.close()
+
+
+def test_what_an_operator_asks_for_is_not_told_as_done_if_it_is_refused(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse() -> None:
+        raise CommandError("still in contact: left_arm")
+
+    monkeypatch.setattr(session.driver.gate, "reset", refuse)
+    session.reset()
+    session.free()
+    wait_for(lambda: "free is refused: nothing is in contact" in words(session))
+    assert "reset is refused: still in contact: left_arm" in words(session)
+    assert "by the operator" not in words(session)
+    session.inject("link-lost", lasts=0.2)
+    wait_for(lambda: "DriverError" in session.ended)
+    session.reset()
+    assert session.ended
+    assert words(session).count("reset is refused") == 2

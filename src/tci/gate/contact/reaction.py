@@ -120,7 +120,8 @@ class ContactReaction:
             )
         ]
         if blocked:
-            parts = ", ".join(self.touched) or self._robot.servos[min(blocked)].robot_part
+            own = (part for one in self._groups.values() if blocked & one.own for part in one.parts)
+            parts = ", ".join(self.touched or own)
             return f"{parts} met something; valid: commands half a second after the contact"
         if found:
             names = ", ".join(one.name for one in found)
@@ -349,12 +350,13 @@ class ContactReaction:
             answer = "soft"
         elif self._scene.now < group.until and seen.felt.force <= group.expected:
             answer = "expected"
-        worst, error = seen.worst, seen.error
-        if error <= least and group.noticing.bears:  # only torques tell
-            worst, error = int(seen.servos[np.argmax(np.abs(seen.bears))]), 0.0
-        joint = self._robot.servos[worst].name if held else None
+        worst, error, bears = seen.worst, seen.error if held else 0.0, np.abs(seen.bears)
+        loaded = error <= least and bool((bears > 1.0).any()) and (held or not over)
+        if loaded:  # only torques tell
+            worst, error = int(seen.servos[np.argmax(bears)]), 0.0
+        joint = self._robot.servos[worst].name if held or loaded else None
         for part in group.parts:
-            yield Met(part, seen.felt.force, joint, error if held else 0.0, answer)
+            yield Met(part, seen.felt.force, joint, error, answer)
 
     def _walk_all(self, joints: JointReading, reference: Reference) -> None:
         for group in self._groups.values():

@@ -104,7 +104,7 @@ class Session:
         self._steered = Steered(capability)
         self._next: Capability[Any] | None = None
         self._goes_home = False
-        self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._inbox: SimpleQueue[Callable[[], object]] = SimpleQueue()
         self._again, self._closing = threading.Event(), threading.Event()
         self._recording = threading.Lock()
         self._noted: dict[str, float] = {}
@@ -138,7 +138,7 @@ class Session:
         self.stop_recording()
         self.driver.close()
 
-    def post(self, action: Callable[[], None]) -> None:
+    def post(self, action: Callable[[], object]) -> None:
         """Runs an action between two periods, in the loop's thread. If the action raises an error, the page
         shows this error as an event."""
         self._inbox.put(action)
@@ -225,25 +225,25 @@ class Session:
 
     def reset(self) -> None:
         """Leaves the state STOP. If the loop has ended, starts it again. An operator calls this."""
-        if self.ended:
-            self.driver.gate.reset()
+        gate = self.driver.gate
+        if not self.ended:
+            self.post(lambda: self._operate("reset", gate.reset))
+        elif self._operate("reset", gate.reset):
             self._again.set()
-        else:
-            self.post(self.driver.gate.reset)
-        self.say("reset by the operator")
 
     def free(self) -> None:
         """Moves every part that is in contact slowly away. An operator calls this."""
+        self.post(lambda: self._operate("free", self.driver.gate.free))
 
-        def free() -> None:
-            try:
-                self.driver.gate.free()
-            except CommandError as error:
-                self.say(f"free is refused: {error}")
-            else:
-                self.say("freed by the operator")
-
-        self.post(free)
+    def _operate(self, verb: str, act: Callable[[], None]) -> bool:
+        """Does what an operator asks for, and tells it; False if the gate refuses it."""
+        try:
+            act()
+        except CommandError as error:
+            self.say(f"{verb} is refused: {error}")
+            return False
+        self.say(f"{verb} by the operator")
+        return True
 
     def record(self, path: Path) -> None:
         """Starts a recording. Raises the errors of `Recorder`."""

@@ -50,6 +50,18 @@ def test_a_robot_that_is_away_is_told_of_once_and_refusals_are_counted_by_their_
     assert len(told["refusals"]) < 5
 
 
+def test_who_serves_is_told_what_a_part_met(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Only clients were, and who could type `free` did not know that there was somebody to free."""
+    driver = FaultInjector(SimulatedDriver(tci.load_robot("nao")), [parse_fault("stall@0.2")])
+    monkeypatch.setattr(registry, "connect", lambda *_, **__: driver)
+    monkeypatch.setattr(registry, "open_server", lambda driver, via: Desk(driver, {50: [turn_head(0.8)]}))
+    serve("nao", via="desk", source="sim", duration=1.0)
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.count("CONTACT: head met something: HeadPitch is held") == 1
+
+
 def test_a_server_that_is_ended_by_sigterm_reports_too(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

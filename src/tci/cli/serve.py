@@ -63,7 +63,7 @@ def serve(
     from tci.drivers.simulated import SimulatedDriver
     from tci.errors import DriverError
     from tci.gate.gate import GateState
-    from tci.reasons import OTHERS, Reason, ReasonCounter
+    from tci.reasons import OTHERS, Code, Reason, ReasonCounter
     from tci.robot.catalogue import load_robot
     from tci.runtime.arguments import capabilities_for, load_capability
     from tci.runtime.loop_report import LoopReport
@@ -129,7 +129,8 @@ def serve(
             words = (
                 f"{tick.sent.state.name}: {tick.sent.reason}" if tick.sent.reason else tick.sent.state.name
             )
-            for line in (words, *map(str, tick.sent.refusals)):
+            met = (f"CONTACT: {one}" for one in tick.sent.clamped if one.code is Code.CONTACT)
+            for line in (words, *met, *map(str, tick.sent.refusals)):
                 if reasons.add(Reason.of(line), tick.now) and not as_json:
                     console.print(f"{since}  {line}", highlight=False, markup=False)
 

@@ -21,7 +21,7 @@ def test_this_machine() -> None:
 
 def test_a_robot_its_streams_and_a_table() -> None:
     told = json.loads(tci("doctor", "nao", "--duration", "0.5", "--json"))
-    assert (told["counts"]["ok"], told["counts"]["fault"]) == (11, 0)
+    assert (told["counts"]["ok"], told["counts"]["fault"]) == (12, 0)
     assert [stream["name"] for stream in told["streams"]][:2] == ["joints", "left_forearm"]
     assert "100 frames/s of 100" in tci("doctor", "nao", "--via", "sim", "--duration", "0.5")
 

@@ -216,6 +216,7 @@ def remarks(robot: Robot) -> list[str]:
     """
     from tci.drivers.registry import source_names
     from tci.lab.commissioning.assumptions import powers, too_quick
+    from tci.lab.commissioning.in_the_way import in_the_way
     from tci.lab.experiments.verdict import limbs_missing
     from tci.robot.model_file import LEAST_MASS, assumed_masses
     from tci.robot.xml.node import listed
@@ -251,4 +252,4 @@ def remarks(robot: Robot) -> list[str]:
         notes.append(
             f"assumed mass of {LEAST_MASS * 1e3:g} g, as the model has none or 0: {listed(light, most=8)}"
         )
-    return [*notes, *too_quick(robot), *powers(robot)]
+    return [*notes, *too_quick(robot), *powers(robot), *in_the_way(robot)]

@@ -200,7 +200,8 @@ def test_another_package_in_the_same_folder_is_told(tmp_path: Path, monkeypatch:
 
 def test_a_robot_without_patches_has_only_joints() -> None:
     robot: Robot = load_robot("nao").model_copy(update={"patches": ()})
-    assert {subject for subject, _ in examine(SimulatedDriver(robot))} == {"joints", "contact", "limits"}
+    found = {subject for subject, _ in examine(SimulatedDriver(robot))}
+    assert found == {"joints", "way back", "contact", "limits"}
 
 
 def test_a_wake_up_that_misses_periods_is_late_by_all_of_them() -> None:
@@ -232,3 +233,11 @@ def test_it_says_how_a_link_without_skin_notices_whom_it_meets(world: World) -> 
     gaps = contact(lambda reading: None if reading.joints.sequence % 250 >= 150 else reading)
     assert gaps.level is Level.WARNING
     assert gaps.figures["gaps"] in (3.0, 4.0)
+
+
+@pytest.mark.parametrize(("kind", "words"), [(Spoilt, "softly"), (OverAWire, "stiffly: this connection")])
+def test_it_says_how_parts_go_back_from_whom_they_meet(world: World, kind: type[Spoilt], words: str) -> None:
+    world.reset()
+    driver = kind(world.robot, world=world)
+    (found,) = (one for (subject, _), one in examine(driver).items() if subject == "way back")
+    assert words in found.what

@@ -8,6 +8,7 @@ import numpy as np
 
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver
+from tci.gate.contact.own_weight import OwnWeight
 from tci.gate.contact.trust import SETTLES, SHOWS
 from tci.lab.commissioning.assumptions import powers, too_quick
 from tci.lab.commissioning.friction import feeling_servos
@@ -272,13 +273,18 @@ def _rest(patch: Patch, sensor: Sensor, values: np.ndarray) -> Iterator[Finding]
 
 
 def _contact(driver: Driver, seen: Observation) -> Iterator[Finding]:
-    """What tells of somebody whom a link without skin meets."""
+    """What parts do that meet somebody, and what tells of those whom a link without skin meets."""
     settings = driver.gate.settings.contact
     if not seen.readings:
         return
     if settings is None:
         yield Finding(Level.OK, "contact", "the process that serves the robot notices whom it meets")
         return
+    if settings.softens and OwnWeight(driver.robot).known:
+        yield Finding(Level.OK, "way back", "parts go back softly from whom they meet")
+    else:
+        why = "this connection changes no stiffness" if not settings.softens else "the model has no masses"
+        yield Finding(Level.OK, "way back", f"parts go back from whom they meet, but stiffly: {why}")
     held = f"a joint is {np.rad2deg(settings.held):.0f} degrees behind its reference"
     torque, out = seen.readings[-1].joints.torque, driver.info.unreached
     servos = [one for one in driver.robot.servos if one.index not in out]

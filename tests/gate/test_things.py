@@ -58,7 +58,7 @@ class Lowered:
 
 
 def lowest(degrees: float) -> float:
-    """Height [m] of the arm's lowest point, by the judge's plant."""
+    """Height [m] of the arm's lowest point above the model's root, by the judge's plant."""
     angles = np.array(initial_position(NAO))
     angles[PITCH] = np.deg2rad(degrees)
     plant = RigidRobot(NAO, angles=angles, people=[Person("below", 1e4)])  # 50 m below the robot
@@ -69,7 +69,8 @@ def lowest(degrees: float) -> float:
         for geom in range(model.ngeom)
         if model.body(model.geom_bodyid[geom]).name in links
     ]
-    return min(ways) + float(plant.data.geom_xpos[below, 2]) + float(model.geom_size[below, 0])
+    bottom = min(ways) + float(plant.data.geom_xpos[below, 2]) + float(model.geom_size[below, 0])
+    return bottom - float(plant.data.body("Torso").xpos[2])
 
 
 @pytest.mark.parametrize("between", [0.0, 0.015])

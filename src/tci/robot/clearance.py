@@ -42,7 +42,8 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class Fixture:
-    """A thing that stands still, such as a table: a box along the axes of the model's root."""
+    """A thing that stands still, such as a table: a box along the axes of the model's root, which is the
+    pelvis of a G1 and the torso of a NAO (`KinematicChain.links[0]`)."""
 
     name: str
     centre: tuple[float, float, float]
@@ -195,9 +196,11 @@ def _solid_model(robot: Robot, fixtures: tuple[Fixture, ...]) -> mujoco.MjModel:
     names = [one.name for one in fixtures]
     if len({*names}) < len(names):
         raise TciError(f"fixtures {', '.join(names)}; valid: another name for each")
+    root, centre = model.body(1), np.empty(3)
     for one in fixtures:
         half = [0.5 * length for length in one.size]
-        body = spec.worldbody.add_body(name=f"fixture {one.name}", pos=one.centre)
+        mujoco.mju_rotVecQuat(centre, np.array(one.centre, dtype=float), root.quat)
+        body = spec.worldbody.add_body(name=f"fixture {one.name}", pos=root.pos + centre, quat=root.quat)
         body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=half, contype=0, conaffinity=LEFT | RIGHT)
     return compiled(spec, robot.model)
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from io import StringIO
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
 
 from tci.cli.run_log import Event
-from tci.cli.run_view import RunView, _row
+from tci.cli.run_view import RunView, _row, _too_slow
 
 
 @pytest.mark.parametrize("time", ["0.020 s", "1795785600.123 s"])
@@ -28,3 +29,13 @@ def test_times_count_from_the_begin_of_the_run(capsys: pytest.CaptureFixture[str
             view.event(Event(now, kind, "words"))
     times = [line.split()[0] for line in capsys.readouterr().out.splitlines() if "words" in line]
     assert times == ["0.000", "1.250"]
+
+
+@pytest.mark.parametrize("recorded", [True, False])
+def test_what_a_recording_lacks_is_not_blamed_on_the_machine(recorded: bool) -> None:
+    session = SimpleNamespace(
+        report=SimpleNamespace(ticks=2378, missed=622, work=SimpleNamespace(quantile=lambda _: 2e-4)),
+        driver=SimpleNamespace(period=0.002),
+        source=SimpleNamespace(info=SimpleNamespace(recorded=recorded)),
+    )
+    assert bool(_too_slow(session)) is not recorded  # type: ignore[arg-type]

@@ -145,8 +145,9 @@ def test_58_a_bomb_is_refused_before_it_unpacks(tmp_path: Path) -> None:
         writer.add_message(channel, 0, bytes(LARGEST + 1), 0)
         writer.finish()
     assert path.stat().st_size < LARGEST // 1000
-    with pytest.raises(RecordingError, match="at most"):
-        list(Recording(path).ticks())
+    recording = Recording(path)
+    assert not list(recording.ticks())
+    assert "at most" in recording.lost[0].reason
 
 
 @pytest.mark.timeout(120)
@@ -204,10 +205,14 @@ def test_what_lies_before_and_after_a_damaged_chunk_is_read_and_what_is_lost_is_
     assert summary is not None
     places = [one.chunk_start_offset + one.chunk_length // 2 for one in summary.chunk_indexes]
     assert len(places) >= 3
+    header = 9 + 3 * 8 + 4  # then how it is packed, and how long the rest is
+    places += [
+        summary.chunk_indexes[1].chunk_start_offset + at for at in (28, header, header + 5, header + 16)
+    ]
     random = np.random.default_rng(3)
     for place in places:
         damaged = bytearray(raw)
-        damaged[place] ^= 1 << int(random.integers(8))
+        damaged[place] ^= 64 if place in places[-4:] else 1 << int(random.integers(8))
         path.write_bytes(damaged)
         caplog.clear()
         recording = Recording(path)

@@ -133,10 +133,11 @@ def _periods(session: Session) -> str:
 
 
 def _too_slow(session: Session) -> str:
-    """Returns a line of text if more than `MISSED` of the periods were missed, else an empty text."""
+    """Returns a line of text if more than `MISSED` of the periods were missed, else an empty text. Those that
+    a recording lacks are not this machine's."""
     report, period = session.report, session.driver.period
     share = report.missed / max(report.ticks + report.missed, 1)
-    if share <= MISSED:
+    if share <= MISSED or session.source.info.recorded:
         return ""
     load = report.work.quantile(0.5) / period
     why = "computing takes longer than that" if load > 1.0 else "other programs take the processor"

@@ -304,11 +304,11 @@ class Recording:
     def _unpacked(self, records: Iterator[Any]) -> Iterator[Any]:
         for record in records:
             if isinstance(record, Chunk):
-                _check_chunk(record)
                 try:
+                    _check_chunk(record)
                     stream, length = get_chunk_data_stream(record, validate_crc=True)
                     data = stream.read(length) if length else b""
-                except (McapError, CRCValidationError, zstandard.ZstdError) as error:
+                except (McapError, CRCValidationError, zstandard.ZstdError, RecordingError) as error:
                     self._lose(record, str(error))
                     yield from self._definitions()
                     continue
@@ -356,10 +356,24 @@ class _Records(StreamReader):
             raise EndOfFile
         if opcode == Opcode.CHUNK and length == OPEN:
             raise _Unfinished(self._stream.read(length))
+        if opcode == Opcode.CHUNK:
+            return self._read_chunk(length)
         if opcode == Opcode.MESSAGE_INDEX:  # everything is read in its order
             self._stream.read(length)
             return None
         return super()._read_record(opcode, length)
+
+    def _read_chunk(self, length: int) -> Chunk:
+        """A chunk; one that is damaged where it says how it is packed names no packing that is known."""
+        stream = self._stream
+        after = stream.count + length
+        begin, end, size, crc = struct.unpack("<QQQI", stream.read(28))
+        try:
+            packed, data = stream.read_prefixed_string(), stream.read(stream.read8())
+        except (UnicodeDecodeError, RecordingError):
+            stream.read(max(0, after - stream.count))
+            packed, data = "?", b""
+        return Chunk(packed, data, end, begin, crc, size)
 
 
 class Bounded(io.BufferedReader):

@@ -35,7 +35,7 @@ def too_quick(robot: Robot) -> list[str]:
             continue
         valid = np.rad2deg(SPARE * most / inertia[servo.index])
         found.append(
-            f"{servo.name}: its acceleration limit of {np.rad2deg(quickest):.4g} degrees/s2 takes "
+            f"{servo.name}: its acceleration limit of {np.rad2deg(quickest):.0f} degrees/s2 takes "
             f"{quickest * inertia[servo.index]:.3g} N m for the links alone, its torque limit is {most:.3g} "
             f"N m, so it can't follow; valid: at most {valid:.0f} degrees/s2, or the true torque limit"
         )

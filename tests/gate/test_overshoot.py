@@ -63,13 +63,18 @@ def test_a_joint_that_overshot_and_stays_there_met_somebody() -> None:
 
 @pytest.mark.parametrize(
     ("name", "mode", "seed", "rate", "lasts"),
-    [("alex", Mode.POSITION, 3, 200.0, 3.0), ("talos", Mode.VELOCITY, 7, 500.0, 5.1)],
+    [
+        ("alex", Mode.POSITION, 3, 200.0, 3.0),
+        ("talos", Mode.VELOCITY, 7, 500.0, 5.1),
+        ("nao", Mode.POSITION, 20, 100.0, 10.1),
+    ],
 )
 def test_a_healthy_robot_at_the_limits_of_its_motors_met_nobody(
     name: str, mode: Mode, seed: int, rate: float, lasts: float
 ) -> None:
     """Alex' arms throw its spine 5 degrees beyond its reference, and the damping of Talos' gripper takes 0.9
-    of its torque: with a servo of 7 rad/s it turned 0.2 s late."""
+    of its torque: with a servo of 7 rad/s it turned 0.2 s late. A NAO's shoulder pushes its elbow ahead; it
+    then waits until its reference has come past it."""
     trial = Healthy(load_robot(name), mode, seed, rate=rate)
     trial.run(lasts)
     assert not trial.alarms

@@ -93,6 +93,7 @@ class Bearing:
         self._even: deque[_Even] = deque()
         self._latest = self._began = np.inf
         self._swung = -np.inf
+        self._turned = np.ones(len(self.least), bool)
         self.load({})
 
     def load(self, tools: Mapping[str, Tool]) -> None:
@@ -157,10 +158,10 @@ class Bearing:
     def _counts(self, joints: JointReading, before: Borne) -> Array:
         return before.counts + np.abs(self._weight.torques(joints.position) - before.weight)
 
-    def more(self, joints: JointReading, lag: float, swing: NDArray[np.intp]) -> Array:
+    def more(self, joints: JointReading, lags: Array, swing: NDArray[np.intp]) -> Array:
         """What each joint bears more than a moment ago, or than before references accelerated (n_servos,), as
-        multiples of what comes from outside; 0 without measured torques. Joints lag by `lag` [s] at most,
-        and motors of servos that `swing` (k,) give all they have."""
+        multiples of what comes from outside; 0 without measured torques. Joints lag by `lags` (n_servos,)
+        [s] at most, and motors of servos that `swing` (k,) give all they have."""
         self.tells = False
         self._trust.read(joints.stamp)
         if not self._trust.regular:
@@ -177,6 +178,7 @@ class Bearing:
             swings = self._velocity + PIECE * rate
             changes.append(_Change(joints.stamp, joints.stamp, self._velocity, swings))
             self._changed = self._swung = joints.stamp
+        lag = self._lag(lags)
         uneven = self._changed + lag
         first = joints.stamp - MOMENT if joints.stamp <= uneven else max(joints.stamp - MOMENT, uneven)
         while torques[0][0] < first:
@@ -205,6 +207,12 @@ class Bearing:
         self.tells = True
         self.rose = np.where(np.abs(found) > RISES, np.minimum(self.rose, joints.stamp), np.inf)
         return found
+
+    def _lag(self, lags: Array) -> float:
+        """The longest of those (n_servos,) [s] whose references changed their speed lately."""
+        if self._changes:
+            self._turned = np.any([one.rate != 0.0 for one in self._changes], axis=0)
+        return float(lags[self._turned].max(initial=0.0))
 
     def _borne(self, one: _Even, counts: Array) -> Borne:
         return Borne(one.torque, counts, self._weight.torques(one.position))

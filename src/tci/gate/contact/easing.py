@@ -22,7 +22,7 @@ from tci.robot.joint_calibration import Tool
 
 LEAST = 0.1
 """Share of the stiffness that is left at least: dry friction holds a joint with half of it."""
-HOLDS, SOFTEST = 1.5, 0.01
+HOLDS, SOFTEST = 1.5, 0.001
 """Multiple of its weight and dry friction that a joint bears that goes back from somebody, and share of the
 stiffness that is left at least: a NAO's servo without any is off."""
 RUBS = 0.5
@@ -32,7 +32,7 @@ FASTER = 1.5
 """Factor by which the share of a joint rises at once that does not go back, held by dry friction."""
 FINE = float(np.deg2rad(0.5))
 """Angle [rad] between a reference and its joint below which nobody knows how stiff the servo is."""
-SEEN = 0.03
+SEEN = 0.02
 """Time [s] from a new share to the reading that tells what a joint bears with it, as a rule. Later ones make
 it softer than asked."""
 MORE, EVERY = 0.05, 0.1

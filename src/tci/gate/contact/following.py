@@ -210,9 +210,10 @@ class Following:
                 (ways > 0.0).all(axis=0) | (ways < 0.0).all(axis=0), np.abs(ways).min(axis=0), 0.0
             )
             gone = (joints.position - there) * np.sign(ways[0])
-            # one that overshot waits for its reference
-            behind = (rows[-1] - joints.position) * np.sign(ways[0]) > CLEAR * self._held
-            stands = (least > SLOWEST) & (gone < SHARE * least) & behind
+            # one that overshot waits until its reference has come past it
+            late = (rows[-1] - joints.position) * np.sign(ways[0]) > CLEAR * self._held
+            late &= (then[0] - there) * np.sign(ways[0]) >= 0.0
+            stands = (least > SLOWEST) & (gone < SHARE * least) & late
             error[stands] = np.maximum(error, self._held + least - gone)[stands]
         yields = overloads.yields(self.side, joints.stamp) & np.isfinite(error)
         self.beyond = (brakes | yields) & (error > self._held)

@@ -261,7 +261,7 @@ class ContactReaction:
         freeing, self._freeing = self._freeing, False
         self.softer = {}
         bent = scene.following.bent(joints)
-        bears = scene.bearing.more(joints, scene.settings.lag, scene.following.runs.swing(joints.stamp))
+        bears = scene.bearing.more(joints, scene.following.lags, scene.following.runs.swing(joints.stamp))
         loose = bool((bent > scene.settings.held).any() or (np.abs(bears) > 1.0).any())
         if not (self.blocked or felt or freeing or loose) and scene.following.near(joints, reference):
             self._walk_all(joints, reference)

@@ -32,7 +32,7 @@ FASTER = 1.5
 """Factor by which the share of a joint rises at once that does not go back, held by dry friction."""
 FINE = float(np.deg2rad(0.5))
 """Angle [rad] between a reference and its joint below which nobody knows how stiff the servo is."""
-SEEN = 0.02
+SEEN = 0.03
 """Time [s] from a new share to the reading that tells what a joint bears with it, as a rule. Later ones make
 it softer than asked."""
 MORE, EVERY = 0.05, 0.1

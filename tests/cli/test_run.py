@@ -21,7 +21,7 @@ from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, UnknownNameError
 from tci.lab.faults.fault_list import FAULTS
 from tci.lab.faults.injectors import INJECTORS
-from tci.messages import Landmark
+from tci.messages import Landmark, Order
 from tci.robot.catalogue import load_robot
 from tci.runtime.arguments import load_capability
 
@@ -66,7 +66,7 @@ class Idle(tci.Capability[None]):
 
     def step(
         self, memory: None, perception: tci.Perception, body: tci.GenericBody
-    ) -> tuple[tuple[tci.Order, ...], None]:
+    ) -> tuple[tuple[Order, ...], None]:
         return (), None
 
 
@@ -139,7 +139,7 @@ class Nod(tci.Capability[None]):
 
     def step(
         self, memory: None, perception: tci.Perception, body: tci.GenericBody
-    ) -> tuple[tuple[tci.Order, ...], None]:
+    ) -> tuple[tuple[Order, ...], None]:
         return (tci.GenericCommand("head", tci.Mode.POSITION, np.array([0.1, 0.0, 0.0])),), None
 
 
@@ -157,8 +157,20 @@ class Lost(Nod):
 
     def step(
         self, memory: None, perception: tci.Perception, body: tci.GenericBody
-    ) -> tuple[tuple[tci.Order, ...], None]:
+    ) -> tuple[tuple[Order, ...], None]:
         return (tci.GenericCommand("head", tci.Mode.POSITION, np.array([np.nan, 0.0, 0.0])),), None
+
+
+class Counts(Nod):
+    """A capability that keeps its memory in itself."""
+
+    steps = 0
+
+    def step(
+        self, memory: None, perception: tci.Perception, body: tci.GenericBody
+    ) -> tuple[tuple[Order, ...], None]:
+        self.steps += 1
+        return (), None
 
 
 class Far(Nod):
@@ -166,7 +178,7 @@ class Far(Nod):
 
     def step(
         self, memory: None, perception: tci.Perception, body: tci.GenericBody
-    ) -> tuple[tuple[tci.Order, ...], None]:
+    ) -> tuple[tuple[Order, ...], None]:
         return (tci.GenericCommand("head", tci.Mode.POSITION, np.array([1.5, 0.0, 0.0])),), None
 
 
@@ -193,6 +205,15 @@ def test_a_capability_that_is_refused_in_every_period_is_told_and_ends_with_a_st
     assert told["events"][-1]["words"].startswith("every command was refused")
     assert len(caplog.records) == 1, "it is logged for programs"
     assert captured.err == "", "and not told twice to a person"
+
+
+def test_a_bad_habit_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    run_capability("cli.test_run:Counts", "nao", duration=0.1)
+    assert "Counts keeps state in itself (steps), so the next run" in " ".join(
+        capsys.readouterr().out.split()
+    )
+    run_capability("cli.test_run:Counts", "nao", duration=0.1, as_json=True)
+    assert len(json.loads(capsys.readouterr().out)["advice"]) == 1
 
 
 def test_a_warning_that_no_command_prints_itself_reaches_whoever_runs_it() -> None:

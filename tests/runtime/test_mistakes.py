@@ -18,6 +18,7 @@ from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.contact_stop import ContactStop
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, TciError, UnknownNameError
+from tci.messages import Order
 from tci.runtime.arguments import load_capability
 from tci.simulation.world import World
 from tci.testing import TouchedRobot
@@ -253,7 +254,7 @@ class Counts(Ask):
 
     def step(
         self, memory: Any, perception: tci.Perception, body: tci.GenericBody
-    ) -> tuple[tuple[tci.Order, ...], Any]:
+    ) -> tuple[tuple[Order, ...], Any]:
         self.count += 1
         self.seen.append(perception.stamp)
         time.sleep(0.004)

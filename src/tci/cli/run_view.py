@@ -100,7 +100,7 @@ def conclude(session: Session, *, filmed: bool) -> None:
         console.print(_row("", "outcome", f"{words}; expected: {one['expected']}", "bold"))
     if session.result is not None:
         console.print(session.result.summary, highlight=False, markup=False)
-        for line in session.result.unfelt:
+        for line in (*session.result.unfelt, *session.result.advice):
             console.print(line, highlight=False, markup=False)
     report, counts, state = session.report, session.driver.gate.counts, session.driver.gate.state
     computing = "computing time with the film's pictures" if filmed else "computing time"

@@ -179,6 +179,7 @@ class Session:
                 "moved_rad": dict(self.result.moved),
                 "lacks": [*self.result.lacks],
                 "by_torques": self.result.by_torques,
+                "advice": [*self.result.advice],
             }
         if self.recorder is not None:
             fields["recording"] = self.recorder.to_json()

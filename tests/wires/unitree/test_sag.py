@@ -8,6 +8,7 @@ import pytest
 import tci
 from helpers.dds_domains import DOMAINS
 from helpers.g1_motors import G1
+from tci.messages import Order
 from tci.runtime.moment import Tick
 
 pytestmark = pytest.mark.live
@@ -23,7 +24,7 @@ class Raise(tci.Capability[int]):
 
     def step(
         self, memory: int, perception: tci.Perception, body: tci.GenericBody
-    ) -> tuple[tuple[tci.Order, ...], int]:
+    ) -> tuple[tuple[Order, ...], int]:
         if memory % HOLDS:
             return (), memory + 1
         posture = POSTURES[memory // HOLDS % len(POSTURES)]
@@ -54,7 +55,7 @@ class Swing(tci.Capability[float]):
 
     def step(
         self, memory: float, perception: tci.Perception, body: tci.GenericBody
-    ) -> tuple[tuple[tci.Order, ...], float]:
+    ) -> tuple[tuple[Order, ...], float]:
         if perception.stamp < memory:
             return (), memory
         arms = ("left_arm", "right_arm")

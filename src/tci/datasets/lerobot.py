@@ -282,7 +282,7 @@ class LeRobotSet:
         if not any(name.startswith(f"{RAW}.") for name in columns):
             raise RecordingError(
                 f"{self.folder} has no {RAW}.PATCH, so no raw skin frames; valid: a set that tci log export "
-                "wrote"
+                "wrote without --columns"
             )
         yield from skin_frames(columns)
 

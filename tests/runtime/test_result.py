@@ -38,7 +38,7 @@ def head(*values: float, mode: tci.Mode = tci.Mode.POSITION) -> tci.GenericComma
 
 
 def warnings(log: pytest.LogCaptureFixture) -> list[str]:
-    return [record.getMessage() for record in log.records if record.name == "tci"]
+    return [record.getMessage() for record in log.records if record.name == "tci.run"]
 
 
 def test_a_run_tells_in_one_line_what_was_touched_and_what_moved() -> None:

@@ -229,6 +229,24 @@ def test_on_a_way_back_joints_bear_little_more_than_their_weight_and_friction(
     np.testing.assert_allclose(group.sags.shares, most, rtol=0.01)
 
 
+def test_a_waist_goes_back_stiffly() -> None:
+    """With a tenth of its stiffness the upper body of a standing G1 leaned by 16 degrees."""
+    robot = load_robot("g1")
+    gate = Gate(robot, period=PERIOD, stale_after=0.1, streams=True)
+    waist = [servo.index for servo in robot.servos if servo.name.startswith("waist")]
+    yaw, here, shares, told = waist[0], np.array(initial_position(robot)), set[int](), list[str]()
+    turns = PlatformCommand(Mode.POSITION, np.array([yaw]), here[[yaw]] + 1.0, np.array([0.5]))
+    for step in range(300):
+        safe = gate.step([turns] if step == 20 else [], reading(here, step * PERIOD), step * PERIOD)
+        here[safe.servos] = safe.position
+        here[yaw] = min(here[yaw], 0.15)  # somebody stops it
+        shares |= {*safe.stiffness}
+        told += [one.text for one in safe.clamped]
+    assert any("met something" in one and "it goes back" in one for one in told)
+    assert not any("softly" in one for one in told)
+    assert shares.isdisjoint(waist)
+
+
 def test_a_torso_that_leans_does_not_change_which_way_is_down() -> None:
     """An arm that hangs along a torso at 60 degrees weighs on its shoulder."""
     pitch = PLACE["l_shoulder_pitch"]

@@ -57,7 +57,7 @@ def meet(scene: Scene, group: Group, seen: Seen, *, freeing: bool) -> tuple[Arra
     group.first = First(seen.felt.of(seen.felt.own), seen, scene.now)
     _begin(scene, group, goal)
     does = DOES["stop" if group.thing else group.answer]
-    does += " softly" * (scene.softens and does == DOES["retreat"])
+    does += " softly" * (scene.softens(group) and does == DOES["retreat"])
     return goal, Reason(Code.CONTACT, f"{group.name} met {group.thing or 'something'}: {what}; it {does}")
 
 

@@ -312,7 +312,7 @@ class ContactReaction:
                 if freeing:
                     group.slow, group.thing = True, None
                 goal = go_on(scene, group, seen)
-            if scene.softens and group.answers and not (group.thing or group.answer == "stop"):
+            if scene.softens(group) and group.answers and not (group.thing or group.answer == "stop"):
                 weighs = scene.bearing.weighs(joints, group.before)
                 late = errors > CLEAR * scene.settings.held
                 self.softer |= self._easing.yields(group, seen, weighs, late, now)

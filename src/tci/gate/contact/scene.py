@@ -48,8 +48,7 @@ class Scene:
         self.places = Places(robot)
         self.bearing = Bearing(robot, weight, known=settings.stands)
         self.overloads = Overloads(robot)
-        self.softens = settings.softens and weight.known
-        """Whether a part goes back from somebody softly."""
+        self._softens = settings.softens and weight.known
         self.soles: list[Patch] = []
         """Those that are loaded."""
         self.contacts: Collection[Contact] = ()
@@ -64,6 +63,11 @@ class Scene:
     def allowed(self, group: Group) -> float:
         """Force [N] on a group's skin up to which it is left to people, or to a capability."""
         return max(self.settings.felt, self.handled(group))
+
+    def softens(self, group: Group) -> bool:
+        """True if a group goes back softly. An upright trunk would topple, since its weight pushes it the
+        further the more it leans."""
+        return self._softens and not group.waist
 
     def handled(self, group: Group) -> float:
         """Force [N] on a group's skin that a capability handles."""

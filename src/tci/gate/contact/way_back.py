@@ -127,7 +127,7 @@ def _out(scene: Scene, group: Group, seen: Seen) -> Array | None:
 def _unloads(scene: Scene, group: Group, seen: Seen) -> Array | None:
     """Where the references of a soft group go (k,) [rad], so that its joints bear their weight only: when
     their stiffness comes back, they press nobody. None if nothing is known or to be done."""
-    if not scene.softens or seen.joints.torque is None:
+    if not scene.softens(group) or seen.joints.torque is None:
         return None
     bears = seen.joints.torque[seen.servos]
     weighs = scene.bearing.weighs(seen.joints, group.before)[seen.servos]

@@ -281,7 +281,7 @@ def _contact(driver: Driver, seen: Observation) -> Iterator[Finding]:
         yield Finding(Level.OK, "contact", "the process that serves the robot notices whom it meets")
         return
     if settings.softens and OwnWeight(driver.robot).known:
-        yield Finding(Level.OK, "way back", "parts go back softly from whom they meet")
+        yield Finding(Level.OK, "way back", "arms go back softly from whom they meet, a waist stiffly")
     else:
         why = "this connection changes no stiffness" if not settings.softens else "the model has no masses"
         yield Finding(Level.OK, "way back", f"parts go back from whom they meet, but stiffly: {why}")

@@ -17,7 +17,10 @@ from tci.robot.catalogue import load_robot
             "go back from whom they meet, softly in simulation, else stiffly; left_fingers, right_fingers",
         ),
         ("g1-bare", "in the way is noticed by a joint that stays behind"),
-        ("g1-bare", "softly in simulation and over unitree, else stiffly; left_leg, right_leg never"),
+        (
+            "g1-bare",
+            "softly in simulation and over unitree, else and a waist stiffly; left_leg, right_leg never",
+        ),
         ("allegro", "no part goes back from whom it meets"),
     ],
 )

@@ -25,7 +25,8 @@ def in_the_way(robot: Robot) -> list[str]:
             *(f"over {one.middleware}" for one in robot.all_bindings if one.middleware == SOFTEN),
         ]
     )
-    how = f"softly {wires}, else stiffly"
+    waist = any(part.kind == "torso" and part.name in able for part in robot.parts)
+    how = f"softly {wires}, else{' and a waist' * waist} stiffly"
     if not OwnWeight(robot).known:
         how = "stiffly, since nobody knows without masses how soft a servo may be that holds its weight"
     others = [name for name in moved if name not in able]

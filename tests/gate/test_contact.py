@@ -526,6 +526,18 @@ def test_a_resting_arm_that_is_pressed_gives_way_and_still_obeys() -> None:
     assert held.sent[2] == pytest.approx(0.2)
 
 
+def test_an_arm_of_stiff_servos_gives_way_to_whom_its_skin_feels() -> None:
+    """A simulated iCub that 60 N pressed for two seconds was told to give way, and turned by 0.07 degrees."""
+    held = Held(at=10.0)
+    held.step(position_command([2], [0.5]))
+    for _ in range(1200):
+        held.step()
+    held.hand[2] = np.deg2rad(0.05)
+    for _ in range(400):
+        held.step(contacts=pressed(20.0))
+    assert held.sent[2] > 0.5 + np.deg2rad(5.0)
+
+
 def test_an_arm_sags_no_further_when_it_gives_way() -> None:
     """A joint that gravity bends by a degree: its reference keeps that distance."""
     held = Held(at=10.0)

@@ -19,6 +19,8 @@ UNLOADED = 1.0
 YIELDS = float(np.deg2rad(0.3))
 """Angle [rad] by which somebody bends a soft joint before its reference follows: more than encoders step, and
 half of what 15 N bend a stiff arm by."""
+FINE = float(np.deg2rad(0.02))
+"""The same where skin feels the hand: 15 N bend an arm of stiff servos by no more."""
 LASTS = 0.5
 """Time [s] for which a part still gives way after it was bent, or went a step, last."""
 
@@ -91,7 +93,7 @@ class Softness:
         elif force <= LIGHT:
             self.let_go(now)
         off = here + self._bent - reference
-        if not self.soft or np.abs(off).max() <= YIELDS:
+        if not self.soft or np.abs(off).max() <= (FINE if self._led else YIELDS):
             return None
         return here + self._bent if self._led else self._step(here, reference, off, now, rests=rests)
 

@@ -604,6 +604,7 @@ def test_a_part_may_give_way_or_stay_stiff_instead_of_going_back(answer: Literal
         ({"felt": np.nan}, "felt nan; valid: 1 to 65"),
         ({"felt": 1e9}, "felt 1000000000.0; valid: 1 to 65"),
         ({"held": 0.2}, "held 0.2; valid: 0.001 to 0.105"),
+        ({"of_parts": {"head": (9.0, 5.0)}}, "head told 9.0, felt 5.0; valid: 0 <= told <= felt <= 65"),
     ],
 )
 def test_a_setting_that_would_hide_contact_is_refused(settings: dict[str, Any], place: str) -> None:
@@ -623,6 +624,19 @@ def test_settings_change_while_nothing_is_in_contact() -> None:
         held.gate.set_contact(ContactSettings())
     with pytest.raises(CommandError, match="valid: the gate that owns the robot"):
         Held(settings=ALONE).gate.set_contact(ContactSettings())
+
+
+@pytest.mark.parametrize(
+    ("thresholds", "answer"), [((5.0, 25.0), "told"), ((21.0, 25.0), None), ((5.0, 10.0), "retreat")]
+)
+def test_a_part_has_thresholds_of_its_own(thresholds: tuple[float, float], answer: str | None) -> None:
+    held = Held(at=10.0, settings=GateSettings(contact=ContactSettings(of_parts={"left_arm": thresholds})))
+    held.step(position_command([2], [1.5]))
+    for count in range(200):
+        held.step(contacts=pressed(20.0) if count > 100 else None)
+    assert ([one.answer for one in held.safe.met] or [None]) == [answer]
+    with pytest.raises(UnknownNameError, match="nose"):
+        Held(settings=GateSettings(contact=ContactSettings(of_parts={"nose": (5.0, 15.0)})))
 
 
 def test_an_operator_frees_what_a_part_that_stops_holds() -> None:

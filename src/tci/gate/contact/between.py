@@ -18,7 +18,7 @@ def leave_both(scene: Scene, group: Group, seen: Seen) -> Array | None:
     if not (group.answer == "retreat" or group.slow):
         return None
     if not first.between:
-        if min(seen.felt.sides) <= scene.settings.felt:
+        if min(seen.felt.sides) <= scene.settings.felt_of(group.parts):
             return None
         group.path.clear()
         group.first = first = first.next(seen, scene.now, between=True)

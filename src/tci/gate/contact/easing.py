@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tci.gate.contact.group import Group
 from tci.gate.contact.noticing import Seen
 from tci.gate.contact.own_weight import OwnWeight
+from tci.gate.contact.settings import ContactSettings
 from tci.gate.contact.weights import FRICTION, MOST, SOFT, bends
 from tci.messages import Contact
 from tci.messages.frames import Array
@@ -63,18 +64,18 @@ class Easing:
         self,
         groups: Mapping[int, Group],
         contacts: Iterable[Contact],
-        most: float,
+        settings: ContactSettings,
         position: Array,
         powered: NDArray[np.bool_] | None,
         now: float,
     ) -> tuple[dict[int, float], list[Reason]]:
         """Shares (0..1) of stiffness by servo, and what to tell, of each group that still answers a contact,
-        or whose skin feels more than `most` [N]; each once.
+        or whose skin feels more than it answers from on; each once.
 
         Args:
             groups: by number.
             contacts: of all skin.
-            most: see above.
+            settings: what each part answers from on.
             position: where the robot was last seen (n_servos,) [rad].
             powered: see `shares`.
             now: time [s].
@@ -83,6 +84,7 @@ class Easing:
         for number, group in groups.items():
             felt = max((one.force for one in contacts if one.part in group.parts), default=0.0)
             answers = group.answers or group.noticing.sure
+            most = settings.felt_of(group.parts)
             if number in self._eased or group.waist or not (answers or felt > most):
                 continue  # a soft waist lets the robot fall
             self._eased.add(number)

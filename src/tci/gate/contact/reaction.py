@@ -61,6 +61,8 @@ class ContactReaction:
     def __init__(self, robot: Robot, groups: Sequence[int], settings: ContactSettings) -> None:
         """`groups` (n_servos,) is the number of each servo's group. Raises the errors of `make_groups`."""
         self._robot, self._settings = robot, settings
+        for part in settings.of_parts:
+            robot.part(part)
         balance = Balance(robot)
         self._groups, parts = make_groups(robot, groups, settings.answers, stands=balance.known)
         weight = OwnWeight(robot)
@@ -174,7 +176,7 @@ class ContactReaction:
         if self._position is None:
             return {}, []
         return self._easing.look(
-            self._groups, contacts or (), self._settings.felt, self._position, joints.powered, now
+            self._groups, contacts or (), self._settings, self._position, joints.powered, now
         )
 
     def give_back(self, joints: JointReading, commanded: NDArray[np.intp], now: float) -> dict[int, float]:
@@ -235,8 +237,10 @@ class ContactReaction:
         expects."""
         answering = [one for one in self._groups.values() if one.answers]
         answer = {part for one in answering for part in one.parts}
-        most = self._settings.felt
-        pressed = {one.part for one in self.met if one.force > most and one.answer != "expected"}
+        most = {
+            part: self._settings.felt_of(one.parts) for one in self._groups.values() for part in one.parts
+        }
+        pressed = {one.part for one in self.met if one.force > most[one.part] and one.answer != "expected"}
         return tuple(sorted(answer | pressed))
 
     def step(
@@ -341,7 +345,7 @@ class ContactReaction:
         over = group.goal is None or group.free is not None
         least = max(0.5 * self._scene.settings.held, seen.excused)
         held = group.noticing.sure or (group.goal is not None and seen.error > least)
-        if over and not held and seen.felt.force < self._scene.settings.told:
+        if over and not held and seen.felt.force < self._settings.told_of(group.parts):
             return
         answer: Answer = "told"
         if group.goal is not None:

@@ -62,7 +62,7 @@ class Scene:
 
     def allowed(self, group: Group) -> float:
         """Force [N] on a group's skin up to which it is left to people, or to a capability."""
-        return max(self.settings.felt, self.handled(group))
+        return max(self.settings.felt_of(group.parts), self.handled(group))
 
     def softens(self, group: Group) -> bool:
         """True if a group goes back softly. An upright trunk would topple, since its weight pushes it the

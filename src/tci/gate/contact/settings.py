@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
@@ -34,10 +34,13 @@ class ContactSettings:
     """Time [s] by which a healthy joint follows: three periods of 100 Hz, a reading of 14 ms, a servo of
     60 rad/s."""
     told: float = 5.0
-    """Force [N] on skin from which on a contact is told, in `SafeCommand.met`."""
+    """Force [N] on skin from which on a contact is told, in `SafeCommand.met`: a handshake by GentleHumanoid
+    (2511.04679) has as much at most."""
     felt: float = 15.0
     """Force [N] on skin above which a part that made the contact answers, and a resting part that somebody
     presses gives way. ISO/TS 15066 permits 65 N and more; people guide an arm with less than this."""
+    of_parts: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Other `told` and `felt` [N] for generic parts, by name, and for those that move with them."""
     stands: bool = True
     """Whether a joint that stands while its reference goes on is held."""
     softens: bool = True
@@ -54,7 +57,18 @@ class ContactSettings:
         for name, (least, most) in RANGES.items():
             if not least <= getattr(self, name) <= most:
                 raise TciError(f"contact: {name} {getattr(self, name)}; valid: {least:.3g} to {most:.3g}")
+        for part, (told, felt) in self.of_parts.items():
+            if not 0.0 <= told <= felt <= RANGES["felt"][1]:
+                raise TciError(f"contact: {part} told {told}, felt {felt}; valid: 0 <= told <= felt <= 65")
         able = get_args(OnContact)
         for part, answer in self.answers.items():
             if answer not in able:
                 raise TciError(f"contact: {part} answers by {answer}; valid: {', '.join(able)}")
+
+    def told_of(self, parts: Iterable[str]) -> float:
+        """`told` [N] for parts that move together."""
+        return min((self.of_parts[part][0] for part in parts if part in self.of_parts), default=self.told)
+
+    def felt_of(self, parts: Iterable[str]) -> float:
+        """`felt` [N] for parts that move together."""
+        return min((self.of_parts[part][1] for part in parts if part in self.of_parts), default=self.felt)

@@ -41,7 +41,12 @@ def go_on(scene: Scene, group: Group, seen: Seen) -> Array | None:
     if (np.abs(seen.reference.velocity[mine]) > 1e-6).any():
         group.since = np.inf
         if not group.first.meets_another(
-            seen, group.goal, scene.following.side, held=settings.held, felt=settings.felt, now=scene.now
+            seen,
+            group.goal,
+            scene.following.side,
+            held=settings.held,
+            felt=settings.felt_of(group.parts),
+            now=scene.now,
         ):
             return None
         return _leave(scene, group, seen)

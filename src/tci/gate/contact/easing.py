@@ -23,9 +23,10 @@ from tci.robot.joint_calibration import Tool
 
 LEAST = 0.1
 """Share of the stiffness that is left at least: dry friction holds a joint with half of it."""
-HOLDS, SOFTEST = 1.5, 0.001
-"""Multiple of its weight and dry friction that a joint bears that goes back from somebody, and share of the
-stiffness that is left at least: a NAO's servo without any is off."""
+HOLDS, SOFTEST, PRESSING = 1.5, 0.01, 0.001
+"""Multiple of its weight and dry friction that a joint bears that goes back from somebody, and shares of the
+stiffness that are left at least, the latter while it presses with more than friction: a NAO's servo without
+any is off, and one that is softer than needed takes half a second longer to arrive."""
 RUBS = 0.5
 """Fraction of its dry friction that a joint bears beside its weight while it still presses: without any, arms
 swing into the next person."""
@@ -112,10 +113,12 @@ class Easing:
             brakes = np.where(off * rates > 0.0, rates**2 / (2.0 * self._brakes[group.servos]), 0.0)
             bears *= 1.0 + brakes / np.maximum(np.abs(off), FINE)
             own, dry = weighs[group.servos], FRICTION * self._torque[group.servos]
-            presses = (joints.torque[group.servos] - own) * group.push > 0.0
+            extra = joints.torque[group.servos] - own
+            presses = extra * group.push > 0.0
             asked = np.where(presses, np.abs(own) + RUBS * dry, HOLDS * (np.abs(own) + dry)) / bears
             asked = np.fmin(np.where(behind, FASTER, 1.0), asked)
-            shares = np.minimum(np.maximum(group.sags.shares * asked, SOFTEST), shares)
+            least = np.where(presses & (np.abs(extra) > dry), PRESSING, SOFTEST)
+            shares = np.minimum(np.maximum(group.sags.shares * asked, least), shares)
         return self._ease(group, _changed(group, shares, joints.powered), now)
 
     def shares(self, group: Group, position: Array, powered: NDArray[np.bool_] | None) -> dict[int, float]:

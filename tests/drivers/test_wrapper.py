@@ -4,6 +4,7 @@ of every driver calls its base class."""
 from __future__ import annotations
 
 import ast
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import fields
 from typing import Any
@@ -32,7 +33,12 @@ class Told(Driver):
     """A driver that records each call and returns other values than its base class."""
 
     def __init__(self) -> None:
-        super().__init__(DriverInfo.of(tci.load_robot("nao"), "sim", clock=ManualClock(1.0), armed=True))
+        super().__init__(
+            DriverInfo.of(
+                tci.load_robot("nao"), "sim", clock=ManualClock(1.0), armed=True,
+                lease_name=f"sim:nao:{os.getpid()}:{id(self)}",
+            )
+        )  # fmt: skip
         self.calls: list[str] = []
         here = np.array(initial_position(self.robot))
         self.reading = Reading(JointReading(1.0, 1, here, np.zeros(len(here))), ())

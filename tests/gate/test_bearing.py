@@ -60,6 +60,24 @@ def test_a_joint_that_bears_more_than_its_motion_explains_has_met_something(
     assert f"{JOINT} bears {torque} N m more than a moment ago" in told(torque, steady=steady)[0]
 
 
+def test_whom_a_braking_arm_meets_is_told_as_soon_as_its_joints_lag_no_more() -> None:
+    """A joint that followed without a lag brakes for 0.1 s from 0.6 s on; the longest lag would be over at
+    0.8 s."""
+    robot = talos()
+    own = np.array([[servo.name for servo in robot.servos].index(JOINT)])
+    meets, found = ContactReaction(robot, groups_of(robot), ContactSettings()), list[float]()
+    angles, torques = np.zeros((2, len(robot.servos)))
+    for now in np.arange(0.0, 1.0, PERIOD).tolist():
+        rate = 1.5 * min(max((0.7 - now) / 0.1, 0.0), 1.0)
+        angles = angles.copy()
+        angles[own] += rate * PERIOD
+        torques = np.where(np.isin(np.arange(len(angles)), own), 32.0 * (now > 0.65), 0.0)
+        asked = Reference(own, (Mode.POSITION,), angles[own], np.array([rate]), np.zeros(1))
+        seen = replace(reading(angles, now), torque=read_only(torques))
+        found += [now for _ in meets.step(seen, asked, now, None)[1]]
+    assert 0.65 < found[0] < 0.78
+
+
 def test_perceptions_tell_which_joint_bears_it() -> None:
     """They told of 0 N on skin."""
     reaction, _ = borne(30.0, speed=0.3, steady=True, stands=True)

@@ -197,6 +197,24 @@ def test_a_joint_that_still_presses_holds_no_more_than_its_weight() -> None:
     assert (shares[1] < 0.5 * shares[0]).any()
 
 
+@pytest.mark.parametrize(
+    ("torque", "push", "least"), [(20.0, 1.0, 0.001), (1.8, 1.0, 0.01), (20.0, -1.0, 0.01)]
+)
+def test_only_a_joint_that_presses_with_more_than_friction_gets_softer_than_a_hundredth(
+    torque: float, push: float, least: float
+) -> None:
+    """A Talos' shoulder pressed with 72 N m at a hundredth; a G1's elbow that pressed nobody arrived late."""
+    group = arm()
+    position, torques = np.array(initial_position(ROBOT)), np.full(len(group.servos), torque)
+    easing, free = Easing(ROBOT, OwnWeight(ROBOT)), np.zeros(len(group.servos), bool)
+    easing.load(ROBOT, {})
+    group.push = np.full(len(torques), push)
+    for count in range(60):
+        seen = bears(group, position, torques, 0.05 * count)
+        easing.yields(group, seen, np.zeros(len(position)), free, 0.05 * count)
+    assert group.sags.shares[0] == least
+
+
 @pytest.mark.parametrize(("behind", "factor"), [(False, 1.0), (True, 1.5)])
 def test_on_a_way_back_joints_bear_little_more_than_their_weight_and_friction(
     behind: bool, factor: float
